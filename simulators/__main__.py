@@ -334,7 +334,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
                   "function generator.  [default: tcp, unless a fault requires another one]")
 @click.option("--real-time/--no-real-time", default=False, show_default=True,
               help="Run in real time, as hardware does: with real-time priority if permitted and, at speed 1, with the "
-                  "time limits of hardware. By default, the rig's clock waits while the computer is busy.")
+                  "timing limits of real hardware. By default, the rig's clock waits while the computer is busy.")
 @click.option("--drop-unread", is_flag=True,
               help="Drop and count data that are not read in time, as real ports do. By default, the rig's clock waits "
                   "for its readers (up to about half a second).")

@@ -142,6 +142,6 @@ def check_manual_current(bench: Bench, *, attended: bool) -> None:
         raise Refused(
             UNATTENDED,
             "this bench's current is set manually ([ecu] by_hand = true), but no operator can confirm the current "
-            "here. Nothing was moved. Fix: run the command in a terminal, without --json and without redirected input "
-            "or output; or use --page and confirm on the page; or rehearse with --simulate",
+            "here. No motion was started. Fix: run the command in a terminal, without --json and without redirected "
+            "input or output; or use --page and confirm on the page; or rehearse with --simulate",
         )

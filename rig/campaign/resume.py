@@ -115,8 +115,8 @@ def same_matrix(folder: Path, matrix: Matrix) -> None:
         which = "" if not changed else f": changed {'is' if len(changed) == 1 else 'are'} {', '.join(changed)}"
         raise Refused(
             "matrix-changed",
-            f"{CampaignFolder(folder).matrix} is not the matrix with which this campaign was started{which}; nothing "
-            "was moved. Fix: restore the file, or start a new campaign",
+            f"{CampaignFolder(folder).matrix} is not the matrix with which this campaign was started{which}; no "
+            "motion was started. Fix: restore the file, or start a new campaign",
         )
 
 
@@ -141,7 +141,8 @@ def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
         raise Refused(
             "bench-changed",
             "the bench's limits, calibrations or device identities differ from those in "
-            f"{CampaignFolder(folder).bench}; nothing was moved. Fix: correct the bench file, or start a new campaign",
+            f"{CampaignFolder(folder).bench}; no motion was started. Fix: correct the bench file, or start a new "
+            "campaign",
         )
 
 

@@ -131,7 +131,7 @@ def _refusals_in(log: CampaignLog) -> Iterator[None]:
             log.write("refused", slug=refusal.slug, text=str(refusal))
         raise
     except Stopped as stop:
-        text = f"{stop}: nothing was moved. Continue with: {resume_command(log.path.parent)}"
+        text = f"{stop}: no motion was started. Continue with: {resume_command(log.path.parent)}"
         with contextlib.suppress(OSError):
             log.write("refused", slug=stop.slug, text=text)
         raise Stopped(stop.slug, text) from stop
@@ -168,8 +168,8 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
             )
             lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
     if lines:
-        raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; nothing "
-            "was moved:\n" + "\n".join(lines))
+        raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; no motion "
+            "was started:\n" + "\n".join(lines))
     if folder is not None:
         check_room(folder, judged, bench, matrix)
     return judged
@@ -335,8 +335,8 @@ def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
     if warnings and bench.require_valid_calibration:
         raise Refused(
             "calibration-overdue",
-            "; ".join(warnings) + "; nothing was moved. Fix: have the sensor calibrated and enter the new certificate "
-                "and due date in the bench file, which sets require_valid_calibration = true",
+            "; ".join(warnings) + "; no motion was started. Fix: have the sensor calibrated and enter the new "
+                "certificate and due date in the bench file, which sets require_valid_calibration = true",
         )
     return warnings
 
@@ -354,8 +354,8 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
     if matrix.temperature is not None:
         raise Refused(
             "source-without-temperature",
-            "the matrix has a [temperature] window, but this bench does not measure the coil temperature; nothing "
-            "was moved. Fix: remove the window, or drive the coil with a current controller that measures the coil "
+            "the matrix has a [temperature] window, but this bench does not measure the coil temperature; no motion "
+            "was started. Fix: remove the window, or drive the coil with a current controller that measures the coil "
             "temperature",
         )
     if described is None:
@@ -366,7 +366,7 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
         raise Refused(
             "source-without-negative-current",
             f"the matrix requires negative currents, but {described.name} delivers {described.current_A[0]:g} to "
-            f"{described.current_A[1]:g} A; nothing was moved. Fix: remove the negative currents and [campaign] "
+            f"{described.current_A[1]:g} A; no motion was started. Fix: remove the negative currents and [campaign] "
             "demagnetise, or use a bipolar supply",
         )
 
@@ -380,14 +380,14 @@ def _check_by_hand(matrix: Matrix) -> None:
     if matrix.current_step:
         raise Refused(
             "by-hand-without-steps",
-            "the matrix has a [[current_step]], but an operator cannot set currents at exact times; nothing was "
-            "moved. Fix: remove this table",
+            "the matrix has a [[current_step]], but an operator cannot set currents at exact times; no motion "
+            "was started. Fix: remove this table",
         )
     if matrix.campaign.demagnetise or any(point.current_A < 0.0 for point in matrix.points()):
         raise Refused(
             "source-without-negative-current",
-            "the matrix requires negative currents, but the current is set manually; nothing was moved. Fix: remove "
-            "the negative currents and [campaign] demagnetise",
+            "the matrix requires negative currents, but the current is set manually; no motion was started. Fix: "
+            "remove the negative currents and [campaign] demagnetise",
         )
 
 
@@ -408,6 +408,6 @@ def check_clocks(bench: Bench) -> None:
         raise Refused(
             "format-without-clock",
             "; ".join(without) + ", but the matrix requires a known sensor delay ([campaign] require_skew = true); "
-                f"nothing was moved. Fix: use a sensor with format {' or '.join(clocked)}, or remove require_skew and "
-                "accept the uncertainty that the report states",
+                f"no motion was started. Fix: use a sensor with format {' or '.join(clocked)}, or remove "
+                "require_skew and accept the uncertainty that the report states",
         )

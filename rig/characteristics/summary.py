@@ -165,7 +165,7 @@ def _unknown(loop: LoopCharacteristics) -> list[str]:
         "energy per cycle and equivalent damping": loop.energy_J,
     }
     names = [name for name, measured in values.items() if not math.isfinite(measured.value)]
-    return [f"{loop.id}: {', '.join(names)}: part of every cycle has no force samples"] if names else []
+    return [f"{loop.id}: {', '.join(names)}: force samples are missing in part of every cycle"] if names else []
 
 
 def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:

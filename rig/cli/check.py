@@ -50,7 +50,7 @@ def command(
 
     With --listen, BENCH is a serial port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, a file of captured bytes
     or a log written by `candump -l`. No data are sent, so a device that must be polled stays silent. Exit code 0: a
-    format was found, or the given format matches. Exit code 5: no format matches.
+    format was found, or the specified format matches. Exit code 5: no format matches.
     """
     if bench is not None and bench.startswith("-"):
         simulator_args, bench = (bench, *simulator_args), None

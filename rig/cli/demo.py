@@ -29,8 +29,8 @@ MATRIX = Path(__file__).with_name("demo.toml")
 def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     """Run a complete example on the simulated rig in under a minute: plan, run, identify, report.
 
-    Only the devices are simulated; processes and sockets are real. The fit is compared with the true parameters of the
-    simulated damper.
+    Only the devices are simulated; processes and sockets are real. The fitted parameters are compared with the true
+    parameters of the simulated damper.
     """
     from rig.campaign.results import CampaignOptions
     from rig.cli.job import run_job

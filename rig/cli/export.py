@@ -35,7 +35,7 @@ class ExportCommand(Command):
 @click.argument("source", type=RunPath())
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: one of those listed below, or one that a plug-in provides.",
+    help="Output format: one of the formats listed below, or a format provided by a plug-in.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
@@ -43,10 +43,11 @@ class ExportCommand(Command):
 )  # fmt: skip
 @json_option
 def command(source: Path, name: str, out: Path, as_json: bool) -> int:
-    """Write SOURCE (a campaign folder or a fit.json) in another format.
+    """Write SOURCE (a campaign folder or a fit.json file) in another format.
 
-    c, modelica, octave and python write the fitted model as source code; fmi writes an FMU 2.0 for co-simulation; table
-    tabulates force against speed and current. svg and png write the report figures, one file each.
+    With c, modelica, octave or python, the fitted model is written as source code; with fmi, as an FMU 2.0 for
+    co-simulation; with table, as a table of force vs. speed and current. With svg or png, each figure of the report is
+    written to a separate file.
 
     `rig plugins` lists the formats that other packages provide.
     """

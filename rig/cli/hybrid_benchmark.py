@@ -88,10 +88,10 @@ def command(seed: int, as_json: bool, **options: Any) -> int:  # noqa: ANN401 - 
     """Run the real-time hybrid simulation benchmark of Silva et al. (2020).
 
     Criteria J1 to J9 for six delay compensators are shown next to the published values. The exit code is 3 if this
-    program's own compensator (adaptive-model) misses its targets.
+    program's own compensator (adaptive-model) does not meet its targets.
 
-    Everything runs in this process or, with --wires, over Modbus TCP to a simulated rig: 45 s for each plant and
-    compensator (default: adaptive-model only).
+    Without --wires, the benchmark runs in a single process. With --wires, it controls a simulated rig over Modbus TCP,
+    which takes 45 s for each plant and compensator; the default compensator is then adaptive-model.
     """
     return _benchmark(BenchmarkOptions(**options), seed, as_json=as_json)
 
@@ -189,7 +189,7 @@ def _show(results: list[Result], earthquake: str) -> None:
     delays = {result.case: f"{result.critical_delay_ms:.1f} ms (case {result.case})" for result in results}
     blocks: list[Block] = [
         table(head, rows, title=f"Earthquake: {earthquake}"),
-        Paragraph(f"The test becomes unstable at these delays of the specimen's force: {', '.join(delays.values())}."),
+        Paragraph(f"The test becomes unstable if the specimen's force is delayed by {', '.join(delays.values())}."),
         *(Paragraph(line) for line in DESCRIPTION),
     ]
     show(blocks, console())

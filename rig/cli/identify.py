@@ -59,9 +59,9 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 @click.argument("runs", type=RunPath(), nargs=-1, required=True)
 @click.option(
     "--model",
-    help="Damper model; `few` compares five models, `all` compares all models.  [default: few; asymmetric if an option "
-         f"that applies to a single model is given: a search method, --current, {FLAGS}, --profile-of, "
-         "--hysteresis printed]",
+    help="Damper model; `few` compares five models, `all` compares all models.  [default: few, or asymmetric if any "
+         f"option specific to a single model is given (a search method, --current, {FLAGS}, --profile-of, "
+         "--hysteresis printed)]",
 )
 @click.option(
     "--method", type=MethodName(), metavar="NAME", default="separable", show_default=True,
@@ -73,12 +73,12 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option(
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
-    help="Argument of tanh in the models that use it: according to Kwok, or as printed in the c-FOA paper.",
+    help="Argument of tanh, in models that contain tanh: as defined by Kwok, or as printed in the c-FOA paper.",
 )  # fmt: skip
 @click.option(
     "--current", type=click.Choice(DEPENDENCES), metavar="NAME", default="affine", show_default=True,
-    help="How the parameters depend on current: affine, fitted to all currents together; or one fit per current, with "
-         f"a relation between the fits: {', '.join(DEPENDENCES[1:])}.",
+    help="Dependence of the parameters on current: affine (one fit to all currents), or separate fits for each current "
+         f"with a relation between the fits ({', '.join(DEPENDENCES[1:])}).",
 )  # fmt: skip
 @click.option(
     "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
@@ -106,7 +106,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
     "each generation.")
 @click.option(
     "--bounds", type=click.Choice(["model", "wide", "none"]), default="model", show_default=True,
-    help="Search range: the range defined for each parameter, +-10,000 (SI) for all, or unbounded as in the papers.",
+    help="Search range: the range defined for each parameter, -10,000 to 10,000 (SI units) for all parameters, or "
+         "unbounded, as in the papers.",
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for stochastic "
     "methods.")
@@ -118,12 +119,13 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 @click.option("--diagnose", is_flag=True, help="Search for causes of the misfit even if the fit is adequate.")
 @click.option(
     "--bootstrap", type=click.IntRange(20), metavar="N",
-    help="Bootstrap over tests with N samples (1000 for a publication): intervals that hold even if no model fits.",
+    help="Compute bootstrap intervals, which are valid even if no model fits, by resampling the tests N times (1000 "
+         "for a publication).",
 )  # fmt: skip
 @click.option(
     "--unseen", type=click.Choice(["pairs"]),
-    help="Leave-one-motion-out cross-validation: prediction error at each amplitude and frequency after fitting the "
-         "model to all others.",
+    help="Leave-one-motion-out cross-validation: prediction error for each amplitude and frequency, with the model "
+         "fitted to all other motions.",
 )
 @scheduler_option
 @json_option

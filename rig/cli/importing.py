@@ -91,13 +91,13 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--scale", "scales", multiple=True, callback=_pairs, metavar="QUANTITY=FACTOR",
-    help="Factor by which to multiply the values in a column, such as force=-1 (if compression is positive), or the "
+    help="Factor by which to multiply the values in a column, such as force=-1 (if compression is positive); or the "
     "sensor's sensitivity: 'force=500 N/V', 'force=0.25 N/count', 'displacement=2 mV/mm'.",
 )
 @click.option(
     "--no-value", "no_value", multiple=True, callback=_numbers, metavar="NUMBER",
     help="Number that marks a missing value, instead of the usual numbers (-9999, 999.25, 9.9e37, ...); "
-    "none: no number marks a missing value.",
+    "none: all numbers are valid values.",
 )
 @click.option(
     "--rate", type=QuantityOption("frequency"), help="Sampling rate, such as '1 kHz', if there is no time column."
@@ -117,12 +117,14 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 @click.option("--sheet", metavar="NAME", help="Excel: sheet that contains the test; all: one test for each sheet that "
                                               "contains a table.")
 @click.option("--encoding", metavar="NAME", help="CSV: character encoding, such as cp1252 or utf-16-le.")
-@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: number of the line with the column names; 0: "
-    "none.")
-@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: number of the line with the units; 0: none.")
+@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line number of the column names; 0 if "
+    "there is no such line.")
+@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line number of the units; 0 if there is no "
+    "such line.")
 @click.option(
     "--accept", multiple=True, metavar="SLUG",
-    help="Accept implausible magnitudes with this code: units-time, units-displacement, units-force, sample-rate.",
+    help="Accept implausible magnitudes reported with this code: units-time, units-displacement, units-force, "
+    "sample-rate.",
 )
 @click.option("--dry-run", is_flag=True, help="Read, check and show the data, but write no files.")
 @click.option("--current", type=QuantityOption("current"), help="Coil current for all files, such as '0.5 A'.")
@@ -136,10 +138,10 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--ampere-per-volt", type=click.FloatRange(0.0, 100.0, min_open=True), default=1.0, show_default=True,
-    help="Driver current command per volt in the `voltage` column.",
+    help="Commanded driver current (A) per volt in the `voltage` column.",
 )
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
-@click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke position in the displacement column.")
+@click.option("--mid-stroke", type=QuantityOption("length"), help="Value of the displacement column at mid-stroke.")
 @out_option
 @json_option
 def command(

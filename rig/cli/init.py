@@ -69,10 +69,10 @@ OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface"
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="[DIR]")
 @click.option("--actuator", metavar="NAME", help="Type of controller: a preset, or the path to a register map.")
 @click.option("--ecu", metavar="NAME",
-              help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply, or by-hand.")
+              help="Current source: a preset, a DBC file (with its roles in NAME-roles.toml), a supply, or by-hand.")
 @click.option("--force", metavar="FORMAT", help="Data format of the load cell.")
 @click.option("--displacement", metavar="FORMAT", help="Data format of the displacement sensor.")
-@click.option("--yes", is_flag=True, help="Ask no questions; use the defaults for all values not given.")
+@click.option("--yes", is_flag=True, help="Do not ask questions; use the defaults for all values not specified.")
 @json_option
 def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     """Write bench.toml, matrix.toml and their JSON schemas into DIR; existing files are kept.

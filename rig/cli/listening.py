@@ -33,8 +33,8 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
     for option in reversed((
         click.option("--listen", is_flag=True,
                      help=(
-                         "Show the data received from a port or CAN bus (given instead of BENCH), and the lines for a "
-                         "bench file."
+                         "Show the data received from a port or CAN bus (given instead of BENCH), and suggest lines "
+                         "for a bench file."
                      )),
         click.option("--from", "captured", type=FILE, hidden=True),
         click.option("--format", "given", metavar="FORMAT",
@@ -229,7 +229,8 @@ def _toml(given: Mapping[str, Any] | str, heard: Heard, url: str | None, rate_Hz
         lines.append(f'format = "{given}"')
     calibration = [
         "[load_cell.calibration]",
-        f"sensitivity = {_per_unit(given)!r}          # N per wire unit; or points, or rated_output and capacity",
+        f"sensitivity = {_per_unit(given)!r}          # N per transmitted unit; or points, or rated_output and "
+        "capacity",
         'serial_number = "..."',
     ]
     if isinstance(given, str):
@@ -327,7 +328,10 @@ def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
 
 def _can_words(answer: Mapping[str, Any]) -> list[str]:
     if not answer["frames"]:
-        return ["no frame received. Fix: check the bit rate, that a node is sending, and the termination of the bus"]
+        return [
+            "no frame received. Fix: check the bit rate and the termination of the bus, and check that a node is "
+            "sending"
+        ]
     lines = [f"{answer['frames']} frames", "identifier  frames    period   data"]
     for one in answer["identifiers"]:
         name = f"{one['identifier']:08X}" if one["extended"] else f"{one['identifier']:03X}"

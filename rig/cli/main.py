@@ -55,7 +55,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "Models": {
         "identify": ("rig.cli.identify", "Fit damper models to recorded runs."),
-        "ride": ("rig.cli.ride", "Compare a car's ride with different fitted dampers, with uncertainty."),
+        "ride": ("rig.cli.ride", "Compare the ride of a car with different fitted dampers, including the uncertainty."),
         "study": ("rig.cli.study", "Compare identification algorithms on recordings."),
         "models": ("rig.cli.models", "List the damper models: equations, parameters, energy."),
         "benchmark": ("rig.cli.hybrid_benchmark", "Run a published benchmark for real-time hybrid simulation."),
@@ -179,7 +179,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option(
     "--version", is_flag=True, expose_value=False, is_eager=True, callback=_show_version,
-    help="Show the version and the commit, and exit.",
+    help="Show the version and commit, and exit.",
 )
 def cli() -> None:
     """Controller for an MR-damper test rig: plan, run, record, identify."""

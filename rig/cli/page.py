@@ -167,7 +167,7 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 def command(
     run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
 ) -> int:
-    """Serve the operator's page for RUN, running or finished, until 'Close the page' or Ctrl-C is pressed.
+    """Serve the operator's page for RUN (running or finished) until 'Close the page' is clicked or Ctrl-C is pressed.
 
     The command prints the address as `page: URL`. Serving the page does not affect the campaign.
     """

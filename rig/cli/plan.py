@@ -31,8 +31,9 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     """Check every point of MATRIX against the limits of a bench, without connecting to any device.
 
-    If a point is outside the limits, the output shows the reasons and the largest amplitude within limits, and the exit
-    code is 3. The exit code is also 3 if the bench does not meet a requirement of the matrix, as with `rig run`.
+    For each point outside the limits, the output shows the reasons and the largest amplitude within the limits; the
+    exit code is then 3. The exit code is also 3 if the bench does not meet a requirement of the matrix, as with `rig
+    run`.
     """
     from rig.campaign.setup import check_requirements
     from rig.cli.analysis_check import check_analysis

@@ -38,8 +38,8 @@ class Kind:
 def command(as_json: bool) -> int:
     """Load all plug-ins and list them with their package and state.
 
-    States: `ok`; `broken`: the plug-in cannot be used, and the reason is shown; `shadowed`: a built-in with the same
-    name is used instead. The exit code is 2 if any plug-in is not ok.
+    The state is `ok`, `broken` (with the reason) or `shadowed` (a built-in component with the same name is used
+    instead). The exit code is 2 if any plug-in is not `ok`.
     """
     listed = _listed()
     if as_json:

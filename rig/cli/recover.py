@@ -16,7 +16,7 @@ from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 @run_argument
 @json_option
 def command(run: Path, as_json: bool) -> int:
-    """Finish the points of an interrupted campaign: convert each journal in RUN to a point file, marked as recovered.
+    """Finish the points of an interrupted campaign: convert each journal in RUN to a point file marked as recovered.
 
     Finished points are not changed. The exit code is 5 if a recovered point is not valid, for example because it is
     incomplete.

@@ -45,10 +45,11 @@ def command(
     fits: tuple[str, ...], car: str, road: str, laws: tuple[Law, ...], current: float, most_current: float,
     members: int, seed: int, out: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
-    """Simulate a car on a road with each damper in FITS: a fit.json, a run with a fit, or a named parameter set.
+    """Simulate a car on a road with each damper in FITS: fit.json files, runs with a fit, or named parameter sets.
 
-    The output contains the responses in heave, pitch and roll, the differences from 4 to 8 Hz and up to 18 Hz with the
-    uncertainty due to the fits, the RMS acceleration weighted to ISO 2631-1, tyre load, suspension travel and power.
+    The output contains the heave, pitch and roll responses, the ISO 2631-1 weighted RMS acceleration, the tyre load,
+    the suspension travel and the power. Differences in response between the dampers are given for 4 to 8 Hz and for 0
+    to 18 Hz, with the uncertainty due to the fits.
     """
     _check_currents({"--current": current, "--most-current": most_current})
     from rig.study.ride_draws import drawn_again

@@ -47,21 +47,22 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(0), help="With --simulate: random seed for the simulated rig. The default "
                                                      "is 0.")
 @click.option("--real-time", is_flag=True,
-              help="Apply the timing limits of hardware: the simulated rig does not wait while the computer is busy.")
+              help="Apply the timing limits of real hardware: the simulated rig does not wait while the computer is "
+                   "busy.")
 @click.option(
     "--resume", type=RunPath(), metavar="RUN",
     help="Resume campaign RUN; valid points are kept.",
 )
 @click.option(
     "--requalified", metavar="TEXT",
-    help="With --resume, after a stop that requires requalification (e-stop, broken coil): what was "
-         "checked or replaced.",
+    help="With --resume, after a stop that requires requalification (e-stop, broken coil): description "
+         "of what was checked or replaced.",
 )
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
 @click.option("--hold", is_flag=True, help="With --page: wait until the operator presses Start on the page.")
 @click.option("--stay", is_flag=True, help="With --page: keep serving the page after the campaign ends, until "
-                                           "'Close the page' or Ctrl-C is pressed.")
+                                           "'Close the page' is clicked or Ctrl-C is pressed.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
@@ -83,15 +84,15 @@ def command(
     hold: bool, stay: bool,
     out: Path, as_json: bool, must_be_hybrid: bool,
 ) -> int:
-    """Run MATRIX on a rig: check the rig, record every point, identify the damper, write the report.
+    """Run MATRIX on a rig: check the rig, record every point, identify the damper and write the report.
 
     Ctrl-C stops the rig: the coil current goes to 0 A and the controller ramps down the motion; finished points are
-    kept. Ctrl-Z pauses the campaign after the current point; a second Ctrl-Z resumes it. --page provides both controls
-    in a browser.
+    kept. Ctrl-Z pauses the campaign after the current point; a second Ctrl-Z resumes it. With --page, both
+    functions are also available in a browser.
 
-    --resume repeats all preflight checks, keeps the valid points and runs the remaining ones on the same bench, or on a
-    simulated rig if the campaign was simulated. By using --resume you confirm that the cause of the stop, which is
-    printed, has been investigated and eliminated.
+    --resume repeats all preflight checks, keeps the valid points and runs the remaining points. The resumed campaign
+    uses the same bench, or a simulated rig if the campaign was simulated. By using --resume, you confirm that the cause
+    of the stop (printed by the command) has been investigated and eliminated.
     """
     if resume is not None and matrix is not None and str(matrix).startswith("-"):
         matrix, simulator_args = None, (str(matrix), *simulator_args)

@@ -90,7 +90,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"]]
     notes.append("Commands accept a run's name, part of the name, `last`, or -1, -2, ... (example: rig report last).")
     if len(runs) == MOST_SHOWN:
-        notes.append(f"Only the last {MOST_SHOWN} runs are shown; use filters or --json to list others.")
+        notes.append(f"Only the last {MOST_SHOWN} runs are shown; use filters or --json to list the others.")
     show([table(head, rows), *map(Paragraph, notes)], shown)
 
 

@@ -89,7 +89,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
 @click.argument("file", type=click.Choice(list(SCHEMAS)))
 @json_option
 def command(file: str, as_json: bool) -> int:
-    """Print the JSON schema for a file type, for editors that validate as you type."""
+    """Print the JSON schema for a file type, for validation in an editor."""
     del as_json  # a schema is JSON anyway
     write_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **SCHEMAS[file](), "title": f"{file} file"})
     return EXIT_DONE

@@ -21,7 +21,7 @@ from rig.cli.options import Command
 def command(arguments: tuple[str, ...]) -> NoReturn:
     """Run only the simulated rig (`python -m simulators` with ARGUMENTS).
 
-    The first line of output is the path of the simulated rig's bench file, for `rig run --bench`. Press Ctrl-C to stop
-    the rig.
+    The first line of output is the path to the simulated rig's bench file, for use with `rig run --bench`. Press Ctrl-C
+    to stop the rig.
     """
     os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])

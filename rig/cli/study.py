@@ -37,10 +37,11 @@ if TYPE_CHECKING:
 @scheduler_option
 @json_option
 def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
-    """Run the study FILE: produce the tables, statistics and figures of both papers from the study's recordings.
+    """Run the study in FILE: produce the tables, statistics and figures of both papers from the study's recordings.
 
-    If FILE is a benchmark file (examples/open-recordings.toml), the command instead fits every model and method to open
-    recordings, writes one table of their validation errors, and prints which files to download.
+    If FILE is a benchmark file (such as examples/open-recordings.toml), the command instead fits every model with every
+    method to publicly available recordings and writes a table of the validation errors. It also prints a list of the
+    files to download.
 
     The results are tables (CSV), study.json and study.html. After an interruption, run the same command again to
     continue; finished searches are kept.

@@ -113,7 +113,8 @@ ROWS = (
         detected_by="the device's own set-point, or the following error if it reports none",
         limit_s=0.15, reaction="SO", end=StopKind.HALT, disk="J", resume="c",
         code=67,
-        detector="three times in a row, the device's own set-point or the rod was too far from the set-point sent",
+        detector="the device's own set-point or the rod position was too far from the commanded set-point three "
+                 "times in a row",
     ),
     FaultRow(
         slug="hybrid-unstable", fault="Hybrid test diverges or does not track",

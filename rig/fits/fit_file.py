@@ -98,11 +98,11 @@ def _without_counterpart(
     rates = () if corrections.temperature is None else RATES.get(corrections.temperature.law, ())
     for name in (*rates, *profiles):
         if (parameters.get(name) or {}).get("value") is None:
-            yield f"parameters.{name}.value: is missing; the parameter's profile or the temperature law requires it"
+            yield f"parameters.{name}.value: missing, but required by the parameter's profile or the temperature law"
     if related is not None:
         yield from ["current.currents_A: is missing"] * bool(related.relations and not related.currents_A)
         for name in sorted(related.relations.keys() ^ related.ranges.keys()):
-            yield f"current: {name}: expected in both `relations` and `ranges`, but it is in only one of them"
+            yield f"current: {name}: expected in both `relations` and `ranges`, found in only one of them"
     for key, lists in (
         *((f"profiles.{name}", [one.values, one.deviance]) for name, one in profiles.items()),
         ("bootstrap.draws", list(draws.values())),

@@ -90,7 +90,7 @@ def bench_of(folder: Path) -> Allowance | None:
         acceleration_m_s2=bench.limits.acceleration_m_s2,
         force_N=bench.limits.force_N,
         current_A=bench.limits.current_A if own_A is None else min(own_A, bench.limits.current_A),
-        source=f"within the limits of {bench.name}",
+        source=f"within the limits of the bench: {bench.name}",
         feasible=feasible,
     )
 

@@ -192,7 +192,9 @@ WARNINGS = {
         "(without gas force) drives the rod instead of damping its motion ({worst}); a simulation with this model can "
         "gain energy"
     ),
-    "energy-unknown": "the energy per cycle is unknown because part of every cycle has no force samples: {tests}",
+    "energy-unknown": (
+        "the energy per cycle is unknown because force samples are missing in part of every cycle: {tests}"
+    ),
     "energy-differs": (
         "the model's energy per cycle differs from the measured energy by more than {percent:g} %: {tests}"
     ),

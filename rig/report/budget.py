@@ -105,7 +105,8 @@ def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, dri
     timing_N = steepest_N_s * measured.skew_std_s
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
-        Share("zero", _known(point.quality.rest.force_zero_std_N), "noise and duration of rest before first motion"),
+        Share("zero", _known(point.quality.rest.force_zero_std_N),
+              "noise level and duration of the rest period before the first motion"),
         Share("zero drift", drift_N, "compared with the controller's force input, during the campaign"),
         Share("noise of one sample", _known(loop.noise_N), "neighbouring samples"),
         Share("timing, at the reversals", timing_N, "remaining sensor delay times the highest rate of change of force"),

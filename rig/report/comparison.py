@@ -132,7 +132,8 @@ def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
         return []
     keys = tuple(Key(name, current_colour(index, len(names))) for index, name in enumerate(names))
     more = len(compared.rows) - MOST_DRAWN
-    note = "One cycle from the middle of each test." + (f" Motions only in the tables: {more}." if more > 0 else "")
+    rest = f" Motions shown only in the tables: {more}." if more > 0 else ""
+    note = f"One cycle from the middle of each test.{rest}"
     return [*section("Loops of all runs", note), Keys(keys), Cards(tuple(cards), large=True)]
 
 

@@ -249,7 +249,7 @@ def _lost(run: Run) -> list[Fact]:
         return [Fact(str(lost), "samples lost", _severity(lost == 0))]
     if by <= {"sequence", "rate"}:
         return [Fact(str(lost), "samples lost, estimated from the nominal rate; single losses may go undetected")]
-    return [Fact("unknown", "number of samples lost: a sensor's data format has no sequence number", FAIR)]
+    return [Fact("unknown", "number of samples lost; the data format of a sensor has no sequence number", FAIR)]
 
 
 def _severity(good: bool) -> Severity:

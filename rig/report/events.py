@@ -37,7 +37,8 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
     if log is None:
         return []
     happened = campaign_events(log)
-    title = section("Events", ("From the campaign journal. To explain a code, run ", Code("rig explain CODE"), "."))
+    note = ("From the campaign journal. For an explanation of a code, run ", Code("rig explain CODE"), ".")
+    title = section("Events", note)
     if not happened:
         return [*title, Paragraph("The journal contains only routine events.", small=True)]
     rows = [

@@ -141,9 +141,9 @@ def quality(fit: FitRecord) -> Blocks:
     ]  # fmt: skip
     note = (
         "Cycle SD: standard deviation of the force from cycle to cycle. Noise: the part of the residual that changes "
-        "from cycle to cycle. Systematic residual: the part that repeats in every cycle, which the model does not "
-        "describe. Whiteness p: probability of such a residual if the residual were pure noise with the bandwidth of "
-        "the measured noise. Energy: energy dissipated in the mean cycle, measured and modelled."
+        "from cycle to cycle. Systematic residual: the part of the residual that repeats in every cycle and that the "
+        "model does not describe. Whiteness p: probability of such a residual if the residual were pure noise with "
+        "the bandwidth of the measured noise. Energy: measured and modelled energy dissipated in the mean cycle."
     )
     return [*section("Quality of the fit", note), *_passivity(fit), table(head, rows), *_correlation(fit)]
 
@@ -199,9 +199,9 @@ def _diagnosis(fit: FitRecord) -> Blocks:
         for cause in fit.diagnosis
     ]
     note = (
-        "Each cause was fitted separately, together with the damper model; the first cause explains the most. The "
-        f"shares do not add up to 100 %. {NOTHING}: cause found directly in the tests, with no share of the misfit "
-        "assigned."
+        "The damper model was fitted again with each cause added separately; the first cause explains the largest "
+        f"share of the misfit. The shares do not add up to 100 %. {NOTHING}: cause found directly in the tests, with "
+        "no share of the misfit assigned."
     )
     head: list[Head] = [Column("Cause"), Column("Finding"), Column("Explains", "%", True), Column("Next step")]
     return [*section("Probable causes of the misfit", note, 3), table(head, rows)]
@@ -350,8 +350,9 @@ def cross_validation(fit: FitRecord) -> Blocks:
         rows.append([name, *cells, number(pair.nrmse_percent_of_peak, 3)])
     head: list[Head] = ["Excluded motion", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
-        "Each amplitude and frequency is predicted by fitting the same model to all others. Errors are in % of the "
-        f"peak force. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} %{extrapolated_words(unseen)}."
+        "Each amplitude and frequency is predicted with the same model fitted to all other motions. Errors are in % "
+        f"of the peak force. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} "
+        f"%{extrapolated_words(unseen)}."
     )
     made = table(head, rows, range(1, len(head)))
     return [*section("Leave-one-motion-out cross-validation", note, 3), made, *_extrapolated(unseen)]

@@ -24,7 +24,8 @@ NOTE = (
     "The damper moves as in the simulated car. Delay: delay between the set-points and the rod motion, measured "
     "before the test. Tracking error: RMS difference between rod and target, relative to the RMS of the "
     "target. Body and wheel: difference from a complete simulation of the car with the assumed damper, in the stated "
-    "bands. If the tested damper differs from the assumed damper, this difference is a result, not a test error."
+    "frequency bands. If the tested damper differs from the assumed damper, this difference is a result, not a test "
+    "error."
 )
 SHOWN_S = 2.0
 """Of the tracking, about the middle of the test: a longer time is not legible."""

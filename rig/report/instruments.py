@@ -96,7 +96,8 @@ def _row(check: CrossCheck) -> Row:
 
 
 CALIBRATION = (
-    Column("Channel"), Column("Sensor"), Column("Serial number"), Column("SI per wire unit", "", True),
+    Column("Channel"), Column("Sensor"), Column("Serial number"),
+    Column("Scale factor (SI units per transmitted unit)", "", True),
     Column("Certificate"), Column("Due"), Column("Uncertainty", "%", True), Column("Delay", "ms", True),
 )  # fmt: skip
 

@@ -164,7 +164,7 @@ def achieved_table(points: Sequence[RecordedPoint]) -> Blocks:
     note = (
         f"Mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Phase: measured displacement "
         "relative to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal "
-        "waveform. The values for each cycle are stored in the file for the point."
+        "waveform. The values for each cycle are stored in the point file."
     )
     return [*section("Achieved motion and current", note), point_table(ACHIEVED, _views(moved))]
 
@@ -207,11 +207,11 @@ def conditions(points: Sequence[RecordedPoint], log: Sequence[Mapping[str, Any]]
     ]
     if not driven:
         return []
-    step = f"{PLUS_MINUS} {number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)} K"
+    step = f"{PLUS_MINUS}{number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)} K"
     note = (
-        "Amplitude achieved: measured divided by commanded amplitude, with the 95 % interval of its mean over the "
-        f"cycles. The ECU reports the coil temperature; its resolution is {step}; the sensor's own error is not "
-        "included."
+        "Amplitude achieved: ratio of measured to commanded amplitude, with the 95 % interval of the mean over the "
+        f"cycles. The ECU reports the coil temperature with a quantisation error of up to {step}; the sensor's own "
+        "error is not included."
     )
     lines = [
         str(line.get("text", NOTHING)) for line in log
@@ -271,7 +271,7 @@ def time_base(points: Sequence[RecordedPoint]) -> Blocks:
     if not points:
         return []
     note = (
-        "All samples are referred to the controller's clock. Force delay: delay of the force relative to the "
+        "All sample times are referenced to the controller's clock. Force delay: delay of the force relative to the "
         "displacement, in addition to the delays declared in the bench file; this delay is corrected. Delays "
         "checked: the controller's own record of force and position confirms or corrects the delays. Declared, not "
         "checked: the controller's record is not accurate enough for a check. Contradicted: the controller's record "
@@ -329,5 +329,6 @@ def _pooled(points: Sequence[RecordedPoint]) -> Blocks:
         "For all points combined, the signals show that the force lags the displacement by ",
         Strong(f"{number(1e3 * low_s, 3)} to {number(1e3 * high_s, 3)} ms"), " in addition to the declared delays.",
         *(stated if isinstance(stated, tuple) else (stated,)),
-        f" Correction: {signed(corrected.alone)} ms; its uncertainty, {PLUS_MINUS} {left_ms} ms, also affects the fit.",
+        f" Correction applied: {signed(corrected.alone)} ms. The uncertainty of this correction, "
+        f"{PLUS_MINUS}{left_ms} ms, also affects the fit.",
     ))]  # fmt: skip

@@ -112,8 +112,8 @@ def _responses(study: RideStudy) -> Blocks:
     """Responses of every phase (Figures 13a to c)."""
     colours = _colours(study)
     note = (
-        "Acceleration relative to the road height under the front left wheel (H1). Gaps: frequencies at which the "
-        "motion does not follow the road."
+        "Acceleration relative to the road height under the front left wheel (H1). Gaps in the curves: frequencies "
+        "at which the motion does not follow the road."
     )
     parts: Blocks = [*section("Body response", note), _keys(study)]
     for phase, by_name in study.driven.items():

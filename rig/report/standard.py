@@ -29,9 +29,9 @@ def standard_tests(characteristics: Characteristics) -> Blocks:
     if not body:
         return []
     note = (
-        f"These values are measured without a model. {PLUS_MINUS} is one standard uncertainty due to the variation "
-        "between cycles, excluding calibration uncertainty. Forces are mean forces at peak velocity, in rebound and "
-        "compression."
+        f"These values are determined from the measurements without a model. {PLUS_MINUS} is one standard uncertainty "
+        "due to the variation between cycles, excluding calibration uncertainty. Forces are mean forces at peak "
+        "velocity, in rebound and compression."
     )
     if characteristics.left_out:
         body.append(Paragraph(f"Not measured: {'; '.join(characteristics.left_out)}.", small=True))
@@ -139,8 +139,8 @@ def _ranges(characteristics: Characteristics) -> Blocks:
         for dynamic in characteristics.dynamic_range
     ]  # fmt: skip
     note = (
-        "Force at peak velocity divided by the force at peak velocity of the same motion at 0 A, both without the "
-        "static force."
+        "Ratio of the force at peak velocity to the force at peak velocity in the same motion at 0 A, both without "
+        "the static force."
     )
     return [*section("Dynamic range", note, 3), table(head, rows)]
 

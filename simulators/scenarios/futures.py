@@ -51,7 +51,7 @@ class Future:
 
     def _end(self, result: Any, error: BaseException | None) -> None:  # noqa: ANN401
         if self._ended.is_set():
-            raise InvalidStateError("the future has already ended")
+            raise InvalidStateError("the future is already done")
         self._result, self._error = result, error
         self._running = False
         self._ended.set()

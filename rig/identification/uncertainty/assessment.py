@@ -30,11 +30,12 @@ LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sig
 SHARP = 0.01  # of a test's RMS speed; a sine rounded to 1 um has 0.003, triangles through a servo 0.03 to 0.04
 UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
 NOTES = (
-    "low, high: 95 % interval of each parameter separately; simultaneous_low, simultaneous_high: joint 95 % "
-    "interval of all identifiable parameters (Bonferroni)",
-    "covariance: sandwich estimator of weighted least squares with the residual variance of each test, increased by "
-    "the autocorrelation of the residual, the misfit that repeats in every cycle, the stated uncertainties of sensor "
-    "delay, force zero and calibrations, and the errors of the Fourier series of the motion",
+    "low, high: separate 95 % interval for each parameter; simultaneous_low, simultaneous_high: joint 95 % "
+    "intervals for all identifiable parameters (Bonferroni)",
+    "covariance: sandwich estimator for weighted least squares with a separate residual variance for each test. The "
+    "covariance includes the autocorrelation of the residual and the misfit that repeats in every cycle. It also "
+    "includes the stated uncertainties of the sensor delay, force zero and calibrations, and the errors of the Fourier "
+    "series for the motion",
 )
 
 

@@ -21,12 +21,12 @@ function points_that_are(verdict) { return Object.entries(results).filter(([, on
 
 function opinion() {
   if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has been closed; this is the final state of the campaign.)");
-  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig at the rig itself."];
-  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are out of date. Inspect the rig and, if necessary, stop it there." : "There is no connection to the rig. Inspect the rig and, if necessary, stop it there."];
+  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig using its own controls."];
+  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are out of date. Inspect the rig and, if necessary, stop the rig using its own controls." : "There is no connection to the rig. Inspect the rig and, if necessary, stop the rig using its own controls."];
   if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "waiting for the campaign"];
   if (!state.running) return ["bad", "✗", "NOT OK", "The rig software stopped unexpectedly (process killed or power failure). The station stops the rig. Inspect the rig."];
   if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
-  if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig at the rig itself"];
+  if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig using its own controls"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
   const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused: press Resume to continue" : "";
   if (late.length) return ["bad", "✗", "NOT OK", `no new data from: ${late.join(", ")}${todo}`];

@@ -221,7 +221,7 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
     def told(offset: Estimate, by: str) -> Reason:
         return Reason(
             instruments.zero_slug, _kind(offset.value, tolerance),
-            f"{instruments.sensor} reads {offset.times(scale).signed} {unit} where the {instruments.reference} reads 0 "
+            f"{instruments.sensor} reads {offset.times(scale).signed} {unit} when the {instruments.reference} reads 0 "
             f"(allowed {scale * tolerance:.3g} {unit}; {by}): {instruments.either}",
             {"offset": offset.value, "offset_std": offset.std, "tolerance": tolerance},
         )
@@ -326,7 +326,7 @@ def _coil_temperature(point: Checked) -> list[Reason]:
         return []
     return [Reason(
         "coil-temperature", Kind.SUSPECT,
-        f"the coil's temperature sensor shows {point.colder_K:.1f} K less than the ECU's own sensor before any motion "
+        f"the coil's temperature sensor reads {point.colder_K:.1f} K lower than the ECU's own sensor before any motion "
         f"(allowed {point.tolerances.coil_temperature_K:g} K): one of the two is wrong, or the ECU was warm",
         {"colder_K": point.colder_K},
     )]

@@ -210,8 +210,8 @@ class SetpointInterlock:
         self.lost = True
         what = "the device's set-point" if shows else "the rod"
         detail = (
-            f"{what} is {1e3 * apart_m:.2f} mm from the set-point sent, allowed {1e3 * allowed_m:.2f} mm: the device "
-            "is not following the streamed set-points"
+            f"{what} is {1e3 * apart_m:.2f} mm from the commanded set-point, allowed {1e3 * allowed_m:.2f} mm: the "
+            "device is not following the streamed set-points"
         )
         return [Finding(LOST, detail, t_ns, apart_m, allowed_m)]
 

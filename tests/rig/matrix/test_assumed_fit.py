@@ -127,7 +127,7 @@ def test_a_changed_copy_is_refused_by_its_name(tmp_path: Path) -> None:
     a_fit(tmp_path / "fit.json")
     run, _ = kept(tmp_path)
     a_fit(run / "records" / "fit.json", {"Ca_plus": 900.001})
-    with pytest.raises(Refused, match=r"changed is records/fit\.json; nothing was moved") as refused:
+    with pytest.raises(Refused, match=r"changed is records/fit\.json; no motion was started") as refused:
         same_matrix(run, load_matrix(run / "matrix.toml"))
     assert refused.value.slug == "matrix-changed"
     (run / "records" / "fit.json").unlink()
