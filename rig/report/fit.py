@@ -279,8 +279,13 @@ def _meanings(name: str) -> dict[str, str]:
 
 
 REFERENCES = {
-    "mean_cycle": "no model: each cycle predicted from the other cycles of its test (lower bound)",
-    "regression": "no model: regression on motion and current",
+    "mean_cycle": "no model: other cycles",
+    "regression": "no model: regression",
+}
+"""Short names: with longer ones, or a reason as a cell, the table would be wider than a terminal."""
+EXPLAINED = {
+    "mean_cycle": "each cycle is predicted from the other cycles of its test (lower bound of the error)",
+    "regression": "regression on motion and current",
 }
 
 
@@ -292,22 +297,22 @@ def selection(fit: FitRecord) -> Blocks:
     beyond = next((score.beyond for score in scores if score.beyond), {})
     some = any(score.within_nrmse_percent_of_peak is not None for score in scores)
     also_within = bool(beyond) and some
-    rows = []
+    rows, notes = [], [score.reason for score in scores if score.reason]
     for score in scores:
         values = (*_validation_errors(score, also_within=also_within), score.rmse_N)
         cells = (score.model, *(number(value, 3) for value in values), str(score.parameters), number(score.bic, 6))
         rows.append(Row(cells, FAIR if score.reason else PLAIN))
     for one in fit.references:
-        error, *within = (number(value, 3) for value in _validation_errors(one, also_within=also_within))
-        error = one.reason if one.holdout_nrmse_percent_of_peak is None and one.reason else error
+        errors = (number(value, 3) for value in _validation_errors(one, also_within=also_within))
         name = REFERENCES.get(one.name, one.name)
-        rows.append(Row((name, error, *within, NOTHING, NOTHING, NOTHING), faded=True))
+        rows.append(Row((name, *errors, NOTHING, NOTHING, NOTHING), faded=True))
+        reason = one.reason if one.holdout_nrmse_percent_of_peak is None else ""
+        notes.append(f"{name}: {'; '.join(text for text in (EXPLAINED.get(one.name, ''), reason) if text)}")
     head = [
         Column("Model"), Column("Validation error" + ("" if some or not beyond else " (extrapolated)"), "%", True),
         *([Column("Excluding extrapolated tests", "%", True)] if also_within else []), Column("RMS error", "N", True),
         Column("Parameters", "", True), Column("BIC", "", True),
     ]  # fmt: skip
-    notes = [score.reason for score in scores if score.reason]
     if beyond:
         notes.insert(0, f"Validation tests outside the fitted data (extrapolated): {_outside_words(beyond)}.")
     stated = (Paragraph(note, small=True) for note in notes)
