@@ -302,7 +302,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--truth", type=FILE, help="Write the true state of the simulated rig to this HDF5 file.")
 @click.option("--bench", type=FILE, help="Write the bench file to this path instead of a temporary folder.")
 @click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="TOML file of constants that replace the defaults.")
+              help="TOML file with constants that replace the defaults.")
 @click.option("--option", metavar="TABLE.KEY=VALUE", multiple=True, help="Replace one constant (repeatable).")
 @click.option("--model", help="Damper model for the specimen.")
 @click.option("--set", "parameter_set", help="Parameter set for the specimen.")
@@ -312,8 +312,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="Data format of the load cell: a name or a file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="Data format of the LVDT.  [default: frame16]")
 @click.option("--by-hand", type=click.Choice(["off", "low", "on"]), default=None,
-              help="Rehearse with manually set current; state of the pressure while the operator is at the "
-                   "supply.")
+              help="Rehearse with a manually set current; the value is the state of the pressure while the "
+                   "operator is at the supply.")
 @click.option("--register-map", metavar="MAP",
               help="Simulate a controller with this register map: a file, or the name of a built-in map.")
 @click.option("--supply", default="", metavar="NAME|FILE",
@@ -349,10 +349,10 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and exit.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON to standard output.")
 def main(listing: bool, **values: Any) -> None:  # noqa: ANN401 (click hands options over by name)
-    """Serve a simulated rig: actuator on Modbus TCP, current ECU on slcan, load cell and LVDT on serial ports.
+    """Run a simulated rig: an actuator on Modbus TCP, a current ECU on slcan, and sensors on serial ports.
 
-    When every socket is open, the first line of output is the path of the rig's bench file. SIGTERM or Ctrl-C stops the
-    rig.
+    The first line of output, printed once every socket is open, is the path to the rig's bench file. SIGTERM or Ctrl-C
+    stops the rig.
     """
     if listing:
         list_faults(bool(values["as_json"]))

@@ -55,7 +55,7 @@ def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str
     problems += _combination(wanted)
     if wanted.current != AFFINE and _currents(fitted) == 1:
         problems.append(f'current = "{wanted.current}": all fitted tests have the same current; '
-            "expected at least two currents")
+            "expected at least two different currents")
     return problems
 
 

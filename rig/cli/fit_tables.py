@@ -69,11 +69,11 @@ def _to_try(fit: FitRecord) -> Blocks:
     """What else this command can do with the same tests, where that gives more information."""
     hints = []
     if fit.adequate is False and {score.model for score in fit.selection} <= set(FEW_MODELS):
-        hints.append("rig identify RUN --model all: compares all models on validation tests")
+        hints.append("rig identify RUN --model all (compares all models on validation tests)")
     if fit.holdout is None and len(fit.error.per_test) > 1:
-        hints.append("rig identify RUN --holdout frequency_Hz=...: evaluates the error on validation tests")
+        hints.append("rig identify RUN --holdout frequency_Hz=... (evaluates the error on validation tests)")
         if fit.unseen is None:
-            hints.append("rig identify RUN --unseen pairs: leave-one-motion-out cross-validation")
+            hints.append("rig identify RUN --unseen pairs (leave-one-motion-out cross-validation)")
     return [Paragraph(f"try: {hint}") for hint in hints]
 
 

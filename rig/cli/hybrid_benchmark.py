@@ -81,7 +81,7 @@ DESCRIPTION = (
     type=click.IntRange(0, 20),
     default=0,
     show_default=True,
-    help="Number of steps between a measurement and the arrival of the command calculated from it.",
+    help="Number of steps between a measurement and the arrival of the command based on that measurement.",
 )
 @json_option
 def command(seed: int, as_json: bool, **options: Any) -> int:  # noqa: ANN401 - click's, by their names
@@ -90,8 +90,8 @@ def command(seed: int, as_json: bool, **options: Any) -> int:  # noqa: ANN401 - 
     Criteria J1 to J9 for six delay compensators are shown next to the published values. The exit code is 3 if this
     program's own compensator (adaptive-model) does not meet its targets.
 
-    Without --wires, the benchmark runs in a single process. With --wires, it controls a simulated rig over Modbus TCP,
-    which takes 45 s for each plant and compensator; the default compensator is then adaptive-model.
+    Without --wires, the benchmark runs in a single process. With --wires, the benchmark controls a simulated rig over
+    Modbus TCP. Each plant and compensator then takes 45 s, and the default compensator is adaptive-model.
     """
     return _benchmark(BenchmarkOptions(**options), seed, as_json=as_json)
 

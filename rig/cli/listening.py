@@ -272,8 +272,9 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
     if len(answer["tried_rates"]) > 1:
         lines.append("rates tried: " + ", ".join(str(one["baudrate"]) for one in answer["tried_rates"]))
     if not answer["bytes"]:
-        return [*lines, "nothing received. Fix: check the port and that the device is on. A device that "
-            "must be polled stays silent because no requests are sent; its format must define the request"]  # fmt: skip
+        return [*lines, "nothing received. Fix: check the port, and check that the device is on. A device that "
+            "must be polled stays silent because no requests are sent; the format of such a device must define the "
+            "request"]  # fmt: skip
     if "format" not in answer:
         return [*lines, f"no format matches; the data start with {answer['start']}",
                 "Fix: use --baud and --parity as set on the device, listen longer (--seconds 5), or "

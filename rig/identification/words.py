@@ -80,21 +80,21 @@ PARAMETERS = {
         "sum"
     ),
     "one-frequency": (
-        "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
+        "m is not separable from {stiffness}: all tests ran at one frequency, where inertia and stiffness are "
         "proportional. Fix: add a test at another frequency"
     ),
     "harmonics-only": (
-        "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
+        "m is not separable from {stiffness}: all tests ran at one frequency, where inertia and stiffness are "
         "proportional. Fix: add a test at another frequency (only harmonics separate them here; m stays in the fit "
         "so that "
         "{stiffness} is correct)"
     ),
     "difference-at-one-frequency": (
-        "only the difference {stiffness} - m (2 pi f)^2 is identified because every test ran at one frequency; the "
+        "only the difference {stiffness} - m (2 pi f)^2 is identified because all tests ran at one frequency; the "
         "value is this difference. Fix: add a test at another frequency"
     ),
     "one-speed": (
-        "{name} not identifiable: every test ran at one speed, so the viscous and yield forces are not separable. Fix: "
+        "{name} not identifiable: all tests ran at one speed, so the viscous and yield forces are not separable. Fix: "
         "add a test at another speed or a sine test"
     ),
     "held": "{reason}; its value is set to 0",
@@ -157,8 +157,8 @@ WARNINGS = {
     "left-out": "{test} not used: {reason}",
     "no-diagnosis": "the causes of the misfit were not investigated: {reason}",
     "time-errors": (
-        "each sample time is uncertain by {std_ms:.3g} ms (rounded or jittering time stamps); this is included in "
-        "the uncertainties of the force noise and the delay"
+        "each sample time is uncertain by {std_ms:.3g} ms (rounded or jittering time stamps); the stated "
+        "uncertainties of the force noise and the delay include this error"
     ),
     "constant-channel": (
         "{test} not used: its {channel[0]} is {channel[1]:g} {channel[2]} in all samples (channel not connected, or "
@@ -169,8 +169,8 @@ WARNINGS = {
         "two temperatures, or a change to the rig between the tests; a fit describes one damper in one condition"
     ),
     "current-contradicts": (
-        "the measured current differs from the requested one: {tests}; these tests are grouped by measured current. "
-        "Fix: check the current source and the requested values"
+        "the measured current differs from the requested current: {tests}; these tests are grouped by measured "
+        "current. Fix: check the current source and the requested values"
     ),
     "currents-merged": (
         "the tests at the currents {levels} are each grouped as one level, although the outermost tests of a group "
@@ -228,8 +228,9 @@ WARNINGS = {
         "is first by those inside the range: {other_error:.3g} % of peak, {model} {error:.3g} %"
     ),
     "relative-weights": (
-        "the residual of the best model is {ratio:.1f} times the measurement noise and is therefore model error; every "
-        "test has equal weight (error in % of its peak); weight 1 gives all samples equal weight"
+        "the residual of the best model is {ratio:.1f} times the measurement noise, which indicates model error; all "
+        "tests are therefore weighted equally (error in % of the peak force); with weight 1, all samples would be "
+        "weighted equally"
     ),
     "weight-v": "weight v (equation 12) suppresses the reversals; compare the result with that for weight 1",
     "sharp-reversals": (
@@ -238,8 +239,9 @@ WARNINGS = {
         "narrow the intervals"
     ),
     "unfinished": (
-        "{method} stopped before the least-squares solution: {names} differ from it by more than {errors:g} standard "
-        "errors, so the intervals, which apply to that solution, are not valid. Fix: increase the budget, or use "
+        "{method} stopped before the least-squares solution: {names} differ from that solution by more than "
+        "{errors:g} standard errors, so the intervals, which apply to that solution, are not valid. Fix: increase "
+        "the budget, or use "
         "separable"
     ),
     "systematic-residuals": (

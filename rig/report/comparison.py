@@ -170,7 +170,7 @@ def _changes(compared: Comparison, names: Sequence[str]) -> Blocks:
         for quantity in SINGLE_QUANTITIES if any(quantity.key in run.singles for run in compared.runs)
     ]  # fmt: skip
     parts += _quantity_table("Slow triangle at 0 A, N", "Quantity", singles, names)
-    note = "Bold: the change exceeds its expanded uncertainty."
+    note = "Changes in bold exceed their expanded uncertainty."
     return [*section("Values and changes", note if len(names) > 1 else ""), *parts] if parts else []
 
 

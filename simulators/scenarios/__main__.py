@@ -35,8 +35,9 @@ FILE = click.Path(path_type=Path)
 @click.option("--bench", type=FILE, help="Your bench file instead of the default simulated rig.")
 @click.option("--matrix", type=FILE, help="Your matrix file instead of random ones.")
 @click.option("--event", "events", multiple=True, metavar="WHAT[@T[+D]]",
-              help="Event to inject instead of random events (repeatable), for D s: a row of the fault matrix, T s "
-                   "after the first cycle begins, or application-killed, power-cut ..., T s after the start.")
+              help="Event to inject instead of random events (repeatable); the event lasts D s. Rows of the fault "
+                   "matrix begin T s after the first cycle begins; other events (application-killed, power-cut, ...) "
+                   "begin T s after the start.")
 @click.option("--happening", multiple=True, hidden=True)  # name of earlier versions, kept until 2.0
 @click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
               help="How the controller is connected.  [default: as your bench or the events require, otherwise random]")
@@ -51,10 +52,11 @@ def command(
     seeds: str, bench: Path | None, matrix: Path | None, events: tuple[str, ...], happening: tuple[str, ...],
     as_json: bool, **ways: Any,  # noqa: ANN401 - click's own
 ) -> int:  # fmt: skip
-    """Run campaigns in random scenarios, and check the safety and data rules in each scenario.
+    """Run campaigns in random scenarios and check the safety and data rules in each scenario.
 
     The whole program runs in virtual time with simulated devices. The seed determines the events in a scenario (faults,
-    killed processes, power cuts, a full disk, operator signals); the same seed repeats a scenario step by step.
+    killed processes, power cuts, a full disk, operator signals). Running the same seed again repeats the scenario step
+    by step.
 
     The exit code is 5 if a check fails in any scenario.
     """

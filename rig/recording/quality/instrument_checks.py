@@ -204,7 +204,7 @@ def _gains(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
         percent = Estimate(gain.value - 1.0, gain.std).times(100.0)
         return Reason(
             instruments.gain_slug, _kind(percent.value, 100.0 * tolerance),
-            f"for the same change, the {instruments.sensor} differs by {percent.signed} % from the "
+            f"the sensitivity of the {instruments.sensor} differs by {percent.signed} % from that of the "
             f"{instruments.reference} (allowed {100.0 * tolerance:g} %; {by}): {instruments.either}",
             {"gain": gain.value, "gain_std": gain.std, "tolerance": tolerance},
         )
