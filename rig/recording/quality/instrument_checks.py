@@ -247,7 +247,7 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
         return Reason(
             instruments.lag_slug, _kind(lag.value, tolerance_s),
             f"the {instruments.reference} lags the {instruments.sensor} by {lag.times(-1e3).plain} ms, more than its "
-            f"declared delay explains (allowed {1e3 * tolerance_s:.2g} ms; {by}): it is not known which of them is "
+            f"declared delay explains (allowed {1e3 * tolerance_s:.2g} ms; {by}): it is not known which of the two is "
             "wrong",
             {"lag_s": lag.value, "lag_std_s": lag.std, "tolerance_s": tolerance_s},
         )
