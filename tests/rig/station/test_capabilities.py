@@ -11,6 +11,7 @@ from station_bench import Told, config_for
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind
+from drivers.errors import DriverError
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Move, Program, State
 from rig.clock import monotonic_ns
 from rig.station import requests
@@ -18,7 +19,7 @@ from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.preparation import Preparation
-from rig.station.requests import Requests
+from rig.station.requests import OFF_REPEATS, PRESSURE_STAYS, Requests
 from rig.station.safe_stop import StopAction
 from rig.station.supervisor import Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
@@ -213,6 +214,34 @@ def test_a_pressure_that_stays_is_ordered_off_again(
     little.driver.loses = 2
     little.requests._hydraulics({"level": "off"})
     assert [command for _, command in little.driver.sent] == [Command.HYDRAULICS_OFF] * 3
+
+
+@pytest.mark.parametrize("takes", [0, 1, 2, 99])
+def test_a_pressure_that_stays_after_off_was_taken_is_no_link_fault_though_the_link_then_fails(
+    takes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found by seed 1090062: it ended with 4, as if the controller had taken no command."""
+    monkeypatch.setattr(Requests, "_await_rest", lambda *_: None)
+    sent: list[Command] = []
+
+    class Commands:
+        def command(self, command: Command) -> None:
+            sent.append(command)
+            if len(sent) > takes:
+                raise DriverError("actuator", "modbus-tcp://1.2.3.4:502", "exception 4 (device failure)")
+
+        def await_status(self, reached: object, slug: str, message: str, *_: float, until_trip: bool) -> None:
+            del reached, until_trip
+            raise StationRefused(slug, message)
+
+    able = SimpleNamespace(hydraulics=True)
+    actuator = SimpleNamespace(capabilities=able, wait_status=lambda *_: None)
+    station = Requests(config_for(), None, SimpleNamespace(actuator=actuator))  # type: ignore[arg-type]  # only its actuator is asked
+    station._commands = Commands()  # type: ignore[assignment]
+    with pytest.raises(StationRefused if takes else DriverError) as refused:
+        station._hydraulics({"level": "off"})
+    assert sent == [Command.HYDRAULICS_OFF] * (1 + OFF_REPEATS if takes else 1)
+    assert not takes or refused.value.slug == PRESSURE_STAYS
 
 
 def test_a_rod_that_leaves_its_place_is_not_safe_where_no_pressure_can_be_taken_away(rig: Callable[..., Rig]) -> None:
