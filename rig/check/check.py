@@ -42,7 +42,7 @@ REQUEST_S = 20.0
 MOVE_S = 10.0
 """Longest time for one way of the move (s of the rig's clock)."""
 HELD_S = 0.3
-OF_THE_COIL = frozenset({"ecu-command", "coil-not-ready", "current-stuck", "supply-not-zero"})
+OF_THE_COIL = frozenset({"ecu-command", "coil-not-ready", "coil-temperature", "current-stuck", "supply-not-zero"})
 """What ends a proof on the part of the current source."""
 FIXES = {
     "ecu-command": "under [protection.MESSAGE] in the roles file, enter the protection of the command message from "

@@ -196,7 +196,7 @@ class Preparation:
             The measured current (A).
 
         Raises:
-            StationRefused: the ECU keeps a fault, or current flows.
+            StationRefused: the ECU keeps a fault, current flows, or the coil is hotter than it may become.
         """
         coil = self._devices.coil
         coil.begin()
@@ -214,6 +214,12 @@ class Preparation:
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             slug = "current-stuck" if self._devices.config.ecu.url is None else "supply-not-zero"
             raise StationRefused(slug, f"arm: measured current {current_A} A, commanded 0 A")
+        coil_degC, limit_degC = coil.coil_degC, self._config.limits.coil_temperature_degC
+        if coil_degC > limit_degC:
+            raise StationRefused(
+                "coil-temperature", f"arm: coil temperature is {coil_degC:.1f} degC, [limits] coil_temperature allows "
+                f"{limit_degC:.1f} degC. Fix: let the coil cool down, or check the limit",
+            )
         return current_A
 
     def prove_commands(self) -> None:

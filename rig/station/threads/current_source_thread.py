@@ -6,6 +6,7 @@ current is accepted until `begin` prepares the coil again.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 
@@ -231,6 +232,12 @@ class CurrentSourceThread(ReadingThread):
         if status is None or self.port_lost is not None or monotonic_ns() - self._last_ns > allowed_ns:
             return None
         return status.current_A
+
+    @property
+    def coil_degC(self) -> float:
+        """Last coil temperature (degC); NaN where it is not measured."""
+        temperature = self._driver.temperature
+        return math.nan if temperature is None else temperature.coil_degC
 
     @property
     def identity_problem(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
@@ -252,3 +253,19 @@ def test_a_rod_that_leaves_its_place_is_not_safe_where_no_pressure_can_be_taken_
     assert wait_for(lambda: held.thread.left_place(monotonic_ns()))
     assert wait_for(lambda: held.thread.stop_inputs(monotonic_ns())[0] is False)
     assert held.thread.stop_inputs(monotonic_ns())[2:] == (False, False)
+
+
+@pytest.mark.parametrize(("coil_degC", "refused"), [(120.0, False), (120.1, True), (math.nan, False)])
+def test_a_coil_that_is_too_hot_before_anything_moves_is_a_refusal(coil_degC: float, refused: bool) -> None:
+    """A limit below the room's temperature was a stop (exit code 4) as soon as the station was armed."""
+    coil = SimpleNamespace(
+        begin=lambda: None, wait_clear=lambda _: True, wait_taken=lambda _: True, fresh_current_A=0.0,
+        coil_degC=coil_degC,
+    )
+    preparation = Preparation(config_for(), None, SimpleNamespace(coil=coil), None)  # type: ignore[arg-type]  # its coil alone is asked
+    if not refused:
+        assert preparation.prepare_coil() == 0.0
+        return
+    with pytest.raises(StationRefused) as refusal:
+        preparation.prepare_coil()
+    assert refusal.value.slug == "coil-temperature"
