@@ -16,6 +16,7 @@ from drivers import plugins
 from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.dbc_file import DbcText
+from drivers.devices.ecu_description import COMMAND, CURRENT
 from drivers.devices.source import Given, current_source, current_source_names
 from drivers.devices.supply import SupplyConnection, SupplyDescription
 from drivers.devices.supply_file import supply, supply_names
@@ -44,6 +45,7 @@ __all__ = [
     "current_source_names",
     "current_source_period_s",
     "current_source_range_A",
+    "current_source_steps_A",
     "current_source_timeout_s",
     "known_current_source_names",
     "make_actuator",
@@ -167,6 +169,24 @@ def current_source_range_A(given: Given, roles: Mapping[str, Any] | None) -> tup
         return -math.inf, math.inf
     described = current_source(given, roles)
     return described.low_A, described.high_A
+
+
+def current_source_steps_A(given: Given, roles: Mapping[str, Any] | None) -> tuple[float, float]:
+    """Resolution (A) of a current source's set-point and of its measured current; 0 if it is not stated.
+
+    Args:
+        given: a name, or a user's DBC.
+        roles: of a user's DBC.
+    """
+    if not _is_described(given):
+        return 0.0, 0.0
+    signals = current_source(given, roles).signals
+
+    def step_A(role: str) -> float:
+        signal = signals[role][1] if role in signals else None
+        return 0.0 if signal is None or signal.is_float else abs(signal.scale)
+
+    return step_A(COMMAND), step_A(CURRENT)
 
 
 def current_source_period_s(given: Given, roles: Mapping[str, Any] | None) -> float:

@@ -12,6 +12,10 @@ LOOP, FRICTION, CURRENT_STEP, HYBRID, SIGNAL = "loop", "friction", "current_step
 """The kinds of test points."""
 PASSIVE = "passive"
 """The law of a hybrid test at constant current."""
+LARGEST_SKEW_PERIODS = 0.003
+"""Largest standard deviation of the delay between force and displacement of a valid point, in periods of its motion."""
+AMPLITUDE_SUSPECT, AMPLITUDE_INVALID = 0.05, 0.10
+"""Relative errors of the amplitude beyond which a point is suspect or invalid, if the amplitude is not adapted."""
 
 
 class Forecast(NamedTuple):

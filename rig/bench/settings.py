@@ -17,15 +17,18 @@ from datetime import date
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
+from drivers.capabilities import Capabilities
 from drivers.catalogue import (
     DbcText,
     SupplyDescription,
+    current_source_steps_A,
     current_source_timeout_s,
     make_actuator,
     supply,
     watchdog_time_s,
 )
 from drivers.connection import ActuatorConnection
+from drivers.devices.output import MEASURED
 from protocols.descriptions import Problem
 from rig.bench import address
 from rig.bench.manual_settings import manual_problems_of
@@ -181,31 +184,30 @@ class ActuatorConfig(Settings):
         """Its register map as the bench file names it; of a table the map's own name."""
         return self.register_map if isinstance(self.register_map, str) else str(self.register_map.get("name"))
 
+    @cached_property
+    def capabilities(self) -> Capabilities:
+        """What the controller can do; looked up once: a plan asks for each of its points."""
+        return make_actuator(self.described, ActuatorConnection(self.url, self.device_id, self.timeout_s)).capabilities
+
     @property
     def takes_pressure_away(self) -> bool:
         """It can be told to take the hydraulic pressure away."""
-        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
-        return make_actuator(self.described, connection).capabilities.hydraulics
+        return self.capabilities.hydraulics
 
     @property
     def has_low_pressure(self) -> bool:
         """It has a low pressure between off and full."""
-        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
-        return make_actuator(self.register_map, connection).capabilities.low_pressure
+        return self.capabilities.low_pressure
 
-    @cached_property
+    @property
     def setpoints_s(self) -> float | None:
-        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own.
-
-        Looked up once: a plan asks for each of its points.
-        """
-        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
-        return None if make_actuator(self.described, connection).capabilities.generator else self.poll_s
+        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        return None if self.capabilities.generator else self.poll_s
 
     @property
     def makes_triangles(self) -> bool:
         """It moves in triangles, not in sines alone."""
-        return make_actuator(self.described, ActuatorConnection(self.url)).capabilities.triangle
+        return self.capabilities.triangle
 
     def problems(self) -> Iterator[Problem]:
         """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
@@ -349,6 +351,18 @@ class EcuConfig(Settings):
         """Whether the current is measured: else it is what the operator confirmed or what an output was sent."""
         source = None if self.by_hand else self.described_supply
         return not self.by_hand and (source is None or source.measures)
+
+    @cached_property
+    def steps_A(self) -> tuple[float, float]:
+        """Resolution (A) of its set-point and of its measured current; 0 if not stated or if nothing is measured."""
+        if not self.measured:
+            return 0.0, 0.0
+        source = self.described_supply
+        if source is None:
+            return current_source_steps_A(*self.described_source)
+        if source.output is None:
+            return 0.0, 0.0
+        return source.output.current.step, source.output.quantities[MEASURED].step
 
     @property
     def silent_after_s(self) -> float:

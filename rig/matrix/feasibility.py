@@ -35,6 +35,9 @@ SETTLING_LAGS = 6.0
 """Shortest hold of a current step in time constants of the coil: with fewer the recorded current, with its noise, does
 not determine to which level it settles (3 mA at 6, 16 mA at 5, 30 mA at 4 for 4 mA of noise)."""
 
+SETTLED_STEPS = 4.0
+"""Of the measured current: the noise of a current controller is some steps (2 mA of 1 mA on the simulated rig)."""
+
 AMPLITUDE_STEP_M = 1e-5
 """Amplitudes that would fit are rounded down to this."""
 
@@ -152,6 +155,7 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     if _beyond(point.current_A, bench.limits.current_A):
         text = f"current {point.current_A:.3g} A is above the bench's limit, {bench.limits.current_A:.3g} A"
         yield Reason("current", text)
+    yield from _settled_current(point, matrix, bench)
     own = matrix.specimen.max_current_A
     if own is not None and _beyond(point.current_A, own):
         yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's limit, {own:.3g} A")
@@ -184,6 +188,32 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         if bench.clock.device_rate > 1.0:
             text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         yield Reason("sampling", text)
+
+
+def _settled_current(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
+    """Whether the current source's resolution can show the current within [campaign] current_settled."""
+    set_point_A, measured_A = bench.ecu.steps_A
+    off_A = abs(math.remainder(point.first_current_A, set_point_A)) if set_point_A else 0.0
+    needed_A, allowed_A = measured_A + off_A, matrix.campaign.current_settled_A
+    if _beyond(needed_A, allowed_A):
+        text = (
+            f"[campaign] current_settled = {show(allowed_A, 'mA', 3)} cannot be reached at {point.first_current_A:g} "
+            f"A: the current source sets it in steps of {show(set_point_A, 'mA', 3)} and measures it in steps of "
+            f"{show(measured_A, 'mA', 3)}; allowed: from {show(needed_A, 'mA', 3)}"
+        )
+        yield Reason("current-settling", text)
+
+
+def current_hints(matrix: Matrix, bench: Bench) -> tuple[str, ...]:
+    """A warning if the noise of a few steps of the measured current leaves [campaign] current_settled; else empty."""
+    least_A, allowed_A = SETTLED_STEPS * bench.ecu.steps_A[1], matrix.campaign.current_settled_A
+    if not _beyond(least_A, allowed_A):
+        return ()
+    return (
+        f"[campaign] current_settled = {show(allowed_A, 'mA', 3)} is less than {SETTLED_STEPS:g} steps of the measured "
+        f"current ({show(bench.ecu.steps_A[1], 'mA', 3)}): its noise can make points invalid (current-tracking). Fix: "
+        f"{show(least_A, 'mA', 3)} or more",
+    )
 
 
 def _of_steps(point: TestPoint, eta_1_s: float) -> Iterator[Reason]:

@@ -9,12 +9,21 @@ from typing import Any
 
 from rig.bench.model import Bench
 from rig.errors import told
-from rig.matrix.feasibility import Reason, command_limit, reasons_against, sampling_hints, too_hot, would_fit
+from rig.matrix.feasibility import (
+    Reason,
+    command_limit,
+    current_hints,
+    reasons_against,
+    sampling_hints,
+    too_hot,
+    would_fit,
+)
 from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
+from rig.matrix.sensor_timing import skew_hints
 from rig.matrix.stopping import stopping_reach
-from rig.matrix.streaming import Peaks, gap_warnings, peaks
+from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks
 from rig.signals.stopping import Reach
 from rig.test_point import LOOP, TestPoint
 from rig.units import show
@@ -159,7 +168,10 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         prediction = f"at most {show(specimen.max_force_N, 'N')}"
     points = tuple(_judge(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
     in_order = [item.point for item in points]
-    warnings = sampling_hints(in_order, bench) + gap_warnings(in_order, bench)
+    warnings = (
+        *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
+        *amplitude_hints(in_order, adapted=matrix.sweep.adapt_amplitude), *gap_warnings(in_order, bench),
+    )
     if specimen.assumed is not None:
         warnings += specimen.assumed.hints(item.point for item in points)
     if bench.ecu.by_hand:

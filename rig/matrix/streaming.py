@@ -36,10 +36,11 @@ from rig.bench.model import Bench
 from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS
 from rig.signals.waveform import Waveform
-from rig.test_point import HYBRID, TestPoint
+from rig.test_point import AMPLITUDE_INVALID, AMPLITUDE_SUSPECT, HYBRID, TestPoint
 
 LOOP_1_S = math.tau * 30.0
 """Corner of the position loop (rad/s): 30 Hz, a fast servo-hydraulic axis; a slower one smooths more."""
+LOOP_DAMPING = 0.7
 JITTER_S = 0.4e-3
 """Of the arrival of set-points at the device, from one to the next (s)."""
 LINES, STEPS = 0.05, 0.4
@@ -101,6 +102,32 @@ def gap_warnings(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
         f"{limit_m_s2:.3g} m/s^2. Fix: limit the deceleration in the drive, or plan speeds of at most "
         f"{limit_m_s2 / a_speed:.3g} m/s",
     )
+
+
+def amplitude_hints(points: Sequence[TestPoint], *, adapted: bool) -> tuple[str, ...]:
+    """A warning if the machine cannot reach the amplitude of points that is commanded as it is; empty otherwise.
+
+    Args:
+        points: all points of a plan.
+        adapted: the amplitude is adapted: the machine is commanded more than it is to reach.
+    """
+    slow = [] if adapted else [
+        point for point in points if point.cyclic and loop_gain(point.frequency_Hz) < 1.0 - AMPLITUDE_SUSPECT
+    ]
+    if not slow:
+        return ()
+    fastest_Hz = max(point.frequency_Hz for point in slow)
+    return (
+        f"{some(slow)}: a fast machine (position loop of 30 Hz) reaches about {100 * loop_gain(fastest_Hz):.0f} % of "
+        f"the amplitude at {fastest_Hz:g} Hz; below {100 * (1 - AMPLITUDE_SUSPECT):g} % a point is suspect, below "
+        f"{100 * (1 - AMPLITUDE_INVALID):g} % invalid. Fix: adapt_amplitude = true",
+    )
+
+
+def loop_gain(frequency_Hz: float) -> float:
+    """Share of a sine's amplitude that the position loop reaches (second order, damping 0.7)."""
+    ratio = math.tau * frequency_Hz / LOOP_1_S
+    return 1.0 / math.hypot(1.0 - ratio**2, 2.0 * LOOP_DAMPING * ratio)
 
 
 def some(points: Sequence[TestPoint]) -> str:

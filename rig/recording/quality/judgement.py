@@ -10,17 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rig.recording.quality.verdict import Kind, Reason, Verdict, invalid, suspect
+from rig.test_point import AMPLITUDE_INVALID, AMPLITUDE_SUSPECT, LARGEST_SKEW_PERIODS
 
 LARGEST_LOSS_SHARE = 0.001
 LARGEST_NAN_SHARE = 0.001
 SATURATED_SAMPLES = 3
 TOLERATED_CYCLES = 1
 """A cycle beside a ramp may still settle; the fit drops the first and the last anyway."""
-AMPLITUDE_SUSPECT, AMPLITUDE_INVALID = 0.05, 0.10
 TOLERANCE_ROUNDING = 0.05
 """The campaign judged the same motion before clocks were aligned: the last digit may differ."""
 FREQUENCY_SUSPECT = 0.03
-SKEW_SUSPECT_PERIODS = 0.003
 STUCK_SHARE = 0.1
 """Of a cycle, during which no quantity of a moving rig stands still."""
 COARSE_STUCK_SHARE = 0.75
@@ -335,7 +334,7 @@ def _amplitude_scatter(evidence: PointEvidence) -> float:
 
 
 def _skew(skew_std_s: float, frequency_Hz: float) -> list[Reason]:
-    limit_s = SKEW_SUSPECT_PERIODS / frequency_Hz if frequency_Hz > 0 else 0.0
+    limit_s = LARGEST_SKEW_PERIODS / frequency_Hz if frequency_Hz > 0 else 0.0
     if limit_s and skew_std_s > limit_s:
         return [suspect(
             "skew",

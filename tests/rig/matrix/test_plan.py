@@ -25,7 +25,7 @@ from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, PlannedPoint, plan
 from rig.matrix.stopping import stopping_reach
-from rig.matrix.streaming import JITTER_S, peaks
+from rig.matrix.streaming import JITTER_S, amplitude_hints, peaks
 from rig.signals.stopping import CYCLE_STEPS, Cycles
 from rig.test_point import TestPoint
 
@@ -321,6 +321,45 @@ def test_a_plan_says_where_a_drives_own_stop_in_a_gap_is_harder_than_the_bench_a
     (said,) = set(result.warnings) - set(plan(streamed, STREAMED).warnings)
     numbers = [float(number) for number in re.findall(r"([\d.]+) m/s", said)]
     assert numbers == pytest.approx([0.585, 50.7, 30.0, 0.346], rel=0.01)
+
+
+def test_a_plan_says_from_which_frequency_arrival_times_leave_the_skew_suspect() -> None:
+    """Without pulses and a stated delay of the inputs: 2.83 ms, what the recording of a healthy rig then states."""
+    unstated = STREAMED.model_copy(update={"actuator": replace(STREAMED.actuator, input_delay_s=None)})
+    assert plan(one("15 mm", "1 Hz"), unstated).warnings == plan(one("15 mm", "1 Hz"), STREAMED).warnings == ()
+    fast = one("15 mm", "1.2 Hz")
+    (said,) = set(plan(fast, unstated).warnings) - set(plan(fast, STREAMED).warnings)
+    assert re.findall(r"[\d.]+ (?:ms|Hz)", said) == ["2.83 ms", "1.06 Hz", "1.06 Hz"]
+    assert "input_delay" in said
+    forceless = STREAMED.model_copy(update={"actuator": replace(STREAMED.actuator, register_map="delta-rmc")})
+    assert any("2 ms" in said and "force input" in said for said in plan(one("15 mm", "2 Hz"), forceless).warnings)
+
+
+def test_a_plan_says_which_settled_current_the_current_source_can_show() -> None:
+    """The demo ECU sets and measures 1 mA, with 2 mA of noise: 1 mA was accepted, and every point invalid."""
+
+    def settled(current: str, allowed: str) -> tuple[list[str], tuple[str, ...]]:
+        motion = f'waveform = "sine"\namplitude = "5 mm"\nfrequency = "2 Hz"\ncurrent = "{current}"'
+        result = plan(matrix(motion, tail=f'[campaign]\ncurrent_settled = "{allowed}"'), DEMO)
+        return [cause.slug for item in result.points for cause in item.causes], result.warnings
+
+    assert settled("500 mA", "4 mA")[0] == settled("500 mA", "1 mA")[0] == []
+    assert not any("current_settled" in said for said in settled("500 mA", "4 mA")[1])
+    (said,) = (said for said in settled("500 mA", "1 mA")[1] if "current_settled" in said)
+    assert "4 mA or more" in said
+    assert settled("500.4 mA", "1 mA")[0] == ["current-settling"]
+    assert settled("500.4 mA", "1.4 mA")[0] == []
+
+
+def test_a_plan_says_where_an_amplitude_that_is_not_adapted_is_not_reached() -> None:
+    """0.2 mm at 25 Hz reached 0.158 mm on the simulated rig: invalid."""
+    sensors = {name: replace(getattr(DEMO, name), rate_Hz=2000.0) for name in ("load_cell", "lvdt")}
+    quick = DEMO.model_copy(update=sensors)
+    adapted = one("0.2 mm", "25 Hz")
+    fixed = adapted.model_copy(update={"sweep": adapted.sweep.model_copy(update={"adapt_amplitude": False})})
+    (said,) = set(plan(fixed, quick).warnings) - set(plan(adapted, quick).warnings)
+    assert "83 %" in said
+    assert amplitude_hints([item.point for item in plan(one("5 mm", "10 Hz"), quick).points], adapted=False) == ()
 
 
 def test_a_corner_that_streamed_set_points_cannot_turn_is_refused_with_what_would_fit() -> None:
