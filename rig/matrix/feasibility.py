@@ -193,15 +193,20 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
 def _settled_current(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Whether the current source's resolution can show the current within [campaign] current_settled."""
     set_point_A, measured_A = bench.ecu.steps_A
-    off_A = abs(math.remainder(point.first_current_A, set_point_A)) if set_point_A else 0.0
-    needed_A, allowed_A = measured_A + off_A, matrix.campaign.current_settled_A
+    wanted_A, allowed_A = point.first_current_A, matrix.campaign.current_settled_A
+    needed_A = max(_off_grid(wanted_A, measured_A), _off_grid(wanted_A, set_point_A) - 0.5 * measured_A)
     if _beyond(needed_A, allowed_A):
         text = (
-            f"[campaign] current_settled = {show(allowed_A, 'mA', 3)} cannot be reached at {point.first_current_A:g} "
-            f"A: the current source sets it in steps of {show(set_point_A, 'mA', 3)} and measures it in steps of "
+            f"[campaign] current_settled = {show(allowed_A, 'mA', 3)} cannot be reached at {wanted_A:g} A: the current "
+            f"source sets it in steps of {show(set_point_A, 'mA', 3)} and measures it in steps of "
             f"{show(measured_A, 'mA', 3)}; allowed: from {show(needed_A, 'mA', 3)}"
         )
         yield Reason("current-settling", text)
+
+
+def _off_grid(value: float, step: float) -> float:
+    """Distance to the nearest multiple of a step; 0 without steps."""
+    return abs(math.remainder(value, step)) if step else 0.0
 
 
 def current_hints(matrix: Matrix, bench: Bench) -> tuple[str, ...]:

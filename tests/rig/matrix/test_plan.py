@@ -347,8 +347,14 @@ def test_a_plan_says_which_settled_current_the_current_source_can_show() -> None
     assert not any("current_settled" in said for said in settled("500 mA", "4 mA")[1])
     (said,) = (said for said in settled("500 mA", "1 mA")[1] if "current_settled" in said)
     assert "4 mA or more" in said
-    assert settled("500.4 mA", "1 mA")[0] == ["current-settling"]
-    assert settled("500.4 mA", "1.4 mA")[0] == []
+    coarse = replace(DEMO.ecu, interface="slcan", channel="/dev/ttyACM0")
+    coarse.__dict__["steps_A"] = (0.001, 0.050)
+    bench = DEMO.model_copy(update={"ecu": coarse})
+    causes = {
+        current: [cause.slug for cause in plan(one("5 mm", "2 Hz", current=current), bench).points[0].causes]
+        for current in ("500 mA", "515 mA", "525 mA")
+    }
+    assert causes == {"500 mA": [], "515 mA": [], "525 mA": ["current-settling"]}
 
 
 def test_a_plan_says_where_an_amplitude_that_is_not_adapted_is_not_reached() -> None:
