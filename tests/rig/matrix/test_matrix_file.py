@@ -108,7 +108,7 @@ def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
     [
         (HEAD, "no test point"),
         (HEAD + "[matrix]\nwaveform = []", "matrix.waveform = []: is empty"),
-        (HEAD + '[matrix]\namplitude = ["50 mm"]', "frequency and current missing: specify amplitude, frequency"),
+        (HEAD + '[matrix]\namplitude = ["50 mm"]', "missing: frequency and current"),
         (HEAD + SWEEP + 'waveform = ["sinus"]', 'matrix.waveform[1] = "sinus": must be \'sine\', \'triangle\', '),
         (HEAD + SWEEP.replace('"0 A"', '"-1 A"'), "too small (allowed: 0 A to 20 A)"),
         (HEAD + SWEEP.replace('"0 A"', "1"), "the number 1 has no unit"),

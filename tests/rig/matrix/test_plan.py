@@ -88,7 +88,7 @@ def test_table_1_is_feasible_on_the_demo_bench() -> None:
         (one("30 mm", "1 Hz", specimen='max_force = "6 kN"'), "force 6000 N is above the bench's limit, 5000 N", None),
         (one("30 mm", "1 Hz", specimen='max_force = "4.8 kN"'), "5000 N minus 5 % headroom", None),
         (one("84.5 mm", "0.1 Hz"), "a margin of 1 mm is required at each end", 0.084),
-        (one("1 mm", "12 Hz"), "20.8 samples per cycle at 250 Hz; a loop requires 25", None),
+        (one("1 mm", "12 Hz"), "20.8 samples per cycle at 250 Hz; a loop requires at least 25", None),
         (one("60 mm", "0.1 Hz", specimen='mid_stroke = "40 mm"'), "-20 mm to 100 mm exceeds", 0.044),
     ],
 )
