@@ -63,6 +63,7 @@ class CanPort:
         can = self._can = import_can()
         try:
             if self._interface == SLCAN:
+                # loads python-can and pyserial: only when needed
                 from drivers.slcan_bus import BlockSlcanBus
 
                 self._bus = BlockSlcanBus(self._channel, self._address.bitrate, **self._address.options)

@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers import plugins
+from drivers.can_current_source import CanCurrentSource
+from drivers.can_port import CanPort
 from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.dbc_file import DbcText
@@ -21,11 +23,13 @@ from drivers.devices.source import Given, current_source, current_source_names
 from drivers.devices.supply import SupplyConnection, SupplyDescription
 from drivers.devices.supply_file import supply, supply_names
 from drivers.errors import UnknownDevice
+from drivers.manual_current import ManualCurrentSource
 from drivers.register_maps.map_file import Described as RegisterMap
 from drivers.register_maps.map_file import controller, controller_names
 from drivers.ring import Channel
 from drivers.roles import Actuator, ActuatorLimits, Sensor
 from drivers.sample_stream import SampleScale
+from drivers.scpi_supply import ScpiSupply
 from drivers.sensor_formats import described_format
 from drivers.sensor_formats import wire_text as sensor_wire_text
 from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
@@ -252,18 +256,14 @@ def make_current_source(given: Given, roles: Mapping[str, Any] | None, bus: CanA
         raise UnknownDevice(
             "ecu", bus.channel, f"unknown dbc {name!r}; known: {', '.join(known_current_source_names())}"
         )
-    from drivers.can_current_source import CanCurrentSource
-    from drivers.can_port import CanPort
-
     described = current_source(given, roles)
     return CanCurrentSource(CanPort(bus, fd=described.fd), described)
 
 
 def make_supply(connection: SupplyConnection) -> CurrentSource:
     """The driver of a programmable supply, or of an analogue output, that drives the coil; nothing is opened."""
+    # loads pymodbus: only when needed
     from drivers.modbus_output import ModbusOutput
-    from drivers.scpi_supply import ScpiSupply
-
     if connection.description.output is not None:
         return ModbusOutput(connection, connection.description.output)
 
@@ -276,8 +276,6 @@ def make_manual_source(rehearsal: str | None) -> CurrentSource:
     Args:
         rehearsal: on a simulated rig, the address of its `generic-scpi` supply, set in that person's place.
     """
-    from drivers.manual_current import ManualCurrentSource
-
     if rehearsal is None:
         return ManualCurrentSource()
     stand_in = make_supply(SupplyConnection(rehearsal, supply("generic-scpi"), voltage_limit_V=REHEARSED_V))

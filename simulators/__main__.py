@@ -14,10 +14,18 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.supply_file import supply_names
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
 from rig.files.described import described
 from rig.files.names import is_file
+from simulators.bench import BY_HAND
+from simulators.emulated_bench import appearing_as
+from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
+from simulators.emulated_format import sending
+from simulators.injection import NEEDS_AUXILIARY, VARIANTS
+from simulators.options import RigOptions, load_options, with_option
+from simulators.plant.plant import specimen_model
 from simulators.schedule import (
     STREAMED,
     WITHIN_S,
@@ -28,11 +36,10 @@ from simulators.schedule import (
     parse_fault,
     wiring_for,
 )
-from simulators.settings import setting_options
+from simulators.settings import setting_options, with_settings
 
 if TYPE_CHECKING:
-    from simulators.emulated_ecu import EmulatedEcuFiles
-    from simulators.options import RigOptions
+    pass
 
 MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where writing never waits for a disk."""
@@ -45,8 +52,6 @@ Example:
 
 def list_faults(as_json: bool) -> None:
     """Print the fault matrix: slug, where, whether the fault suite proves it, and if not, why."""
-    from simulators.injection import VARIANTS
-
     rows = []
     for slug, row in MATRIX.items():
         variants = [name for name in VARIANTS if name.startswith(f"{slug}:")]
@@ -110,6 +115,7 @@ async def serve(arguments: dict[str, Any]) -> None:
     Raises:
         OSError: a socket, the bench file or the truth file cannot be had.
     """
+    # loads pymodbus: not needed for the help
     from simulators.rig import SimulatedRig, take_real_time_priority
 
     rig = SimulatedRig(arguments["options"], arguments["run"])
@@ -153,12 +159,6 @@ def made_of(values: dict[str, Any]) -> RigOptions:
     """
     from dataclasses import replace
 
-    from simulators.emulated_bench import appearing_as
-    from simulators.emulated_format import sending
-    from simulators.options import RigOptions, load_options, with_option
-    from simulators.plant.plant import specimen_model
-    from simulators.settings import with_settings
-
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
     if values["model"]:
@@ -195,8 +195,6 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     """
     from dataclasses import replace
 
-    from simulators.bench import BY_HAND
-    from simulators.injection import NEEDS_AUXILIARY
     from simulators.rig import RunOptions
 
     options = made_of(values)
@@ -235,8 +233,6 @@ def _supply(given: str) -> str:
     Raises:
         FileProblem: unknown, or everything that is wrong with the file.
     """
-    from drivers.devices.supply_file import supply_names
-
     if is_file(given):
         described("supply", given)
     elif given and given not in supply_names():
@@ -251,9 +247,8 @@ def emulated(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles:
     Raises:
         FileProblem: one without the other, or they cannot be used: everything that is wrong.
     """
+    # loads pydantic: not needed for the help
     from rig.files.ecu_files import ecu_problems
-    from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
-
     if dbc is None and roles is None:
         return DEMO_ECU
     if dbc is None or roles is None:

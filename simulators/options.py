@@ -20,6 +20,7 @@ from annotated_types import Ge, Gt, Le
 from protocols.sensor_format import SensorFormat
 from rig.errors import FileProblem
 from rig.files.quantity import Check
+from rig.files.toml_source import TomlSource, frozen
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -312,8 +313,6 @@ def with_option(options: RigOptions, assignment: str) -> RigOptions:
         FileProblem: no `=`, an unknown key, a wrong type or a value out of range.
     """
     from rig.files.loader import lines_of, validated  # as above
-    from rig.files.toml_source import TomlSource, frozen
-
     key, equals, text = assignment.partition("=")
     if not equals:
         raise FileProblem("--option", [f"{assignment!r}: expected table.key=value, such as load_cell.noise=2.0"])
@@ -339,6 +338,7 @@ def _parse(text: str) -> object:
 @functools.cache
 def _written() -> type[DescriptionTable]:
     """What a file may hold: every constant by its type and range, none of them needed."""
+    # loads pydantic: only when needed
     from rig.files.section import all_optional
 
     return all_optional(RigOptions)

@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from drivers.roles import State
 from rig.clock import monotonic_ns
 from rig.recording.atomic_write import room_for_truth
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, Event, PointFile
 from simulators.actuator import MODE_STATES
 from simulators.plant import step
 from simulators.plant.plant import Plant
@@ -174,9 +176,6 @@ def convert(path: Path, rows_path: Path, events_path: Path, rate_Hz: float, abou
     Raises:
         OSError: a piece cannot be read or the file not be written.
     """
-    from rig.recording.hdf5.hdf5_image import write_file
-    from rig.recording.layout import AlignedChannel, Event, PointFile
-
     raw = rows_path.read_bytes()
     rows = np.frombuffer(raw[: len(raw) // ROW.itemsize * ROW.itemsize], ROW)
     events = []

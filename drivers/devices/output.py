@@ -57,6 +57,11 @@ class AnalogueOutput:
         return self.quantities[CURRENT]
 
     @property
+    def steps_A(self) -> tuple[float, float]:
+        """Resolution (A) of the set-point and of the measured current; 0 for one that is not measured."""
+        return self.current.step, self.quantities[MEASURED].step if self.measures else 0.0
+
+    @property
     def measures(self) -> bool:
         """It tells what flows, not only what was written."""
         return MEASURED in self.quantities

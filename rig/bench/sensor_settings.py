@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Any, Literal
 
+from drivers.catalogue import check_sensor_format, sensor_format_names
 from drivers.connection import LineSettings
+from drivers.plugins import BrokenPlugIn
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
 from rig import units
@@ -159,9 +161,6 @@ class Calibration(Settings):
 
 
 def _known_format(value: str) -> str:
-    from drivers.catalogue import check_sensor_format, sensor_format_names
-    from drivers.plugins import BrokenPlugIn
-
     known = sensor_format_names()
     if value not in known:
         near = near_names(value, known)

@@ -28,7 +28,6 @@ from drivers.catalogue import (
     watchdog_time_s,
 )
 from drivers.connection import ActuatorConnection
-from drivers.devices.output import MEASURED
 from protocols.descriptions import Problem
 from rig.bench import address
 from rig.bench.manual_settings import manual_problems_of
@@ -360,9 +359,7 @@ class EcuConfig(Settings):
         source = self.described_supply
         if source is None:
             return current_source_steps_A(*self.described_source)
-        if source.output is None:
-            return 0.0, 0.0
-        return source.output.current.step, source.output.quantities[MEASURED].step
+        return (0.0, 0.0) if source.output is None else source.output.steps_A
 
     @property
     def silent_after_s(self) -> float:

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, IdentificationFailed
+from rig.identification.points.whole_record import last_share
+from rig.recording.run import Selection
+from rig.signals.test_set import CurrentReading, current_levels
 from rig.test_point import LOOP, SIGNAL
 
 if TYPE_CHECKING:
@@ -61,8 +64,6 @@ def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str
 
 def _currents(points: list[TestPoint]) -> int:
     """How many different currents were requested."""
-    from rig.signals.test_set import CurrentReading, current_levels
-
     return len(current_levels([CurrentReading(point.current_A, requested_A=point.current_A) for point in points]))
 
 
@@ -77,8 +78,6 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
         if CampaignFolder(Path(text)).points.is_dir():
             return [], loops
         return [f"holdout = \"{text}\": exists, but is not a run (a campaign folder)"], loops
-    from rig.recording.run import Selection
-
     try:
         wanted = Selection.parse(text)
     except FileProblem as error:
@@ -96,8 +95,6 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
 
 def _end_of_time(text: str, loops: list[TestPoint]) -> list[str] | None:
     """What is wrong with holding the end of the time out, `last 30 %`; None where the text says something else."""
-    from rig.identification.points.whole_record import last_share
-
     try:
         share = last_share(text)
     except IdentificationFailed as error:

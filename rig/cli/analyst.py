@@ -26,6 +26,7 @@ NICENESS = 10
 
 def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
     """Identify (when wanted) and report; what fails is said, and does not cost the other."""
+    # loads numba and numpy: not needed for the help
     from rig.identification import identify_run
     from rig.report import write_report
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from rig.cli.check_tables import check_blocks
 from rig.cli.listening import listen as listened
 from rig.cli.listening import listen_options
 from rig.cli.options import Command, json_option
@@ -93,6 +94,7 @@ def _check(
         UsageError: there is no bench, or there are arguments for a simulated rig where there is none.
     """
     _check_usage(bench, simulator_args, simulate=simulate)
+    # loads numpy and pyserial: not needed for the help
     from rig.bench.model import Bench
     from rig.check.check import check_bench
 
@@ -105,8 +107,6 @@ def _check(
     if as_json:
         write_json(report.to_json())
     else:
-        from rig.cli.check_tables import check_blocks
-
         show(check_blocks(report), shown)
     return EXIT_DONE if report.passed else EXIT_REFUSED
 
@@ -134,6 +134,7 @@ def _bench_file(
     if bench is not None and not simulate:
         yield bench
         return
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.results import CampaignOptions
     from rig.campaign.simulated_rig import SimulatedRig, wearing
     from rig.matrix.sections import Specimen

@@ -10,6 +10,7 @@ import click
 from rig.cli.options import Command, RunPath, json_option
 from rig.cli.output import console, say, show, write_json, write_pdf
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
+from rig.recording.atomic_write import write_text_durably
 
 if TYPE_CHECKING:
     from rig.comparison import Comparison
@@ -43,6 +44,7 @@ def command(
     specimen against its tolerances. Only valid points are used. Motions tested in both runs are compared in terms of
     force at peak velocity, energy, damping and dynamic range; fits are compared in terms of their parameters.
     """
+    # loads numpy and pydantic: not needed for the help
     from rig.comparison import compare
 
     _check_page(out, on_paper=on_paper)
@@ -71,8 +73,8 @@ def _check_page(out: Path | None, *, on_paper: bool) -> None:
 
 def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:
     """Write the page, and the PDF if that is wanted; their paths."""
+    # loads numba and numpy: not needed for the help
     from rig.document import html
-    from rig.recording.atomic_write import write_text_durably
     from rig.report.comparison import comparison_document
 
     document = comparison_document(compared)
@@ -81,6 +83,7 @@ def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:
 
 
 def _show(compared: Comparison, *, everything: bool) -> None:
+    # loads numpy and pydantic: not needed for the help
     from rig.cli.comparison_tables import comparison_blocks
 
     show(comparison_blocks(compared, everything=everything), console())

@@ -10,6 +10,7 @@ import click
 from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, show, write_json
+from rig.cli.run import show_paths, show_result
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -32,9 +33,9 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     Only the devices are simulated; processes and sockets are real. The fitted parameters are compared with the true
     parameters of the simulated damper.
     """
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.results import CampaignOptions
     from rig.cli.job import run_job
-    from rig.cli.run import show_paths, show_result
     from rig.matrix.model import load_matrix
 
     shown = console(as_json=as_json)
@@ -55,6 +56,7 @@ def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None
     """The fit's 95 % intervals beside the parameters the simulated damper really had."""
     from rich.text import Text
 
+    # loads numba and numpy: not needed for the help
     from rig.cli.fit_tables import fit_tables
     from rig.fits.fit_record import FitRecord
 

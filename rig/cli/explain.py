@@ -11,6 +11,7 @@ from protocols.near_miss import near_names
 from rig.cli.options import Command, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE
+from rig.explanations.explanation import explained, texts
 
 WIDTH = 100
 
@@ -29,8 +30,6 @@ def _show(slug: str | None, *, as_json: bool) -> int:
     Raises:
         UsageError: nothing has this name; names that are like it are in the message.
     """
-    from rig.explanations.explanation import explained, texts
-
     known = texts()
     if slug is None:
         if as_json:

@@ -16,6 +16,7 @@ class ExportCommand(Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The options, and the formats."""
+        # loads numpy: not needed for the help
         from rig.export.exporter import OWN
 
         super().format_options(ctx, formatter)
@@ -51,6 +52,7 @@ def command(source: Path, name: str, out: Path, as_json: bool) -> int:
 
     `rig plugins` lists the formats that other packages provide.
     """
+    # loads numpy: not needed for the help
     from rig.export import export
 
     files = [path.resolve() for path in export(source, name, out)]

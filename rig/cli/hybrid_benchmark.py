@@ -9,7 +9,9 @@ import click
 
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, say, show, write_json
+from rig.document.blocks import Block, Column, Head, Paragraph, Row, table
 from rig.errors import EXIT_DONE, EXIT_REFUSED
+from rig.hybrid.published import CRITERIA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -110,6 +112,7 @@ class BenchmarkOptions(NamedTuple):
 
 
 def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
+    # loads numpy: not needed for the help
     from rig.hybrid.earthquake import read, synthesised
 
     motion = synthesised() if asked.earthquake is None else read(asked.earthquake, asked.intensity)
@@ -128,6 +131,7 @@ def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
 
 
 def _in_process(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
+    # loads numba and numpy: not needed for the help
     from rig.hybrid.benchmark import run_benchmark
 
     problems = [(case, int(rate)) for case in asked.cases or CASES for rate in asked.rates or RATES]
@@ -145,6 +149,7 @@ def _on_wires(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: b
     if set(asked.rates) - {"250"} or asked.latency_steps:
         raise click.UsageError("--wires runs 250 steps per second and measures the latency. Fix: omit --rate and "
                                "--latency-steps")  # fmt: skip
+    # loads numba and numpy: not needed for the help
     from rig.campaign.wired_benchmark import LATENCY_STEPS, Wires
     from rig.station.process import real_time_priority
 
@@ -176,9 +181,6 @@ def _plain(result: Result) -> dict[str, Any]:
 
 
 def _show(results: list[Result], earthquake: str) -> None:
-    from rig.document.blocks import Block, Column, Head, Paragraph, Row, table
-    from rig.hybrid.published import CRITERIA
-
     head: list[Head] = ["case", "Hz", "compensator", *(Column(name, "", True) for name in CRITERIA), "verdict"]
     rows = []
     for result in results:
@@ -196,8 +198,6 @@ def _show(results: list[Result], earthquake: str) -> None:
 
 
 def _cells(values: dict[str, float]) -> list[str]:
-    from rig.hybrid.published import CRITERIA
-
     return [f"{values[name]:.1f}" if name in values else "" for name in CRITERIA]
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.output import show
+from rig.document.blocks import Column, table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 def hybrid_numbers(result: JobResult) -> dict[str, Any]:
     """Contents of `hybrid.json`; the same keys without values where there is none."""
+    # loads numba and numpy: not needed for the help
     from rig.characteristics.hybrid_tests import answer
 
     path = CampaignFolder(Path(result.campaign.campaign)).hybrid
@@ -28,8 +30,6 @@ def hybrid_numbers(result: JobResult) -> dict[str, Any]:
 
 def show_hybrid_tests(numbers: dict[str, Any], shown: Console) -> None:
     """Print one line for each test: delay, tracking, difference from the reference, energy, late set-points."""
-    from rig.document.blocks import Column, table
-
     head = (
         Column("compensation"), Column("law"), Column("delay", "ms", True), Column("tracking", "%", True),
         Column("body to 3 Hz", "%", True), Column("energy error", "%", True), Column("late", "", True),

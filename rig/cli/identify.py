@@ -14,6 +14,7 @@ import click
 from rig.cli.options import Command, MethodName, QuantityOption, RunPath, json_option, scheduler_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
+from rig.identification.cluster import cluster
 from rig.matrix.corrections import CORRECTIONS
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS
 
@@ -148,6 +149,7 @@ def command(
     determine are reported as not identifiable, with the reason. The exit code is 6 if no model can be fitted.
     """
     gc.set_threshold(SELDOM)
+    # loads numpy: not needed for the help
     from rig.identification import FitOptions, Method, identify_run
     from rig.identification.options import FEW
 
@@ -168,6 +170,7 @@ def command(
     if as_json:
         write_json(fit.to_json())
         return EXIT_DONE
+    # loads numba and numpy: not needed for the help
     from rig.cli.fit_tables import fit_tables
 
     show(fit_tables(fit), console())
@@ -183,6 +186,7 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
     Raises:
         UsageError: the method evaluates no populations.
     """
+    # loads all algorithms and numpy: not needed for the help
     from rig.optimisers import METHODS
 
     if scheduler is None:
@@ -194,7 +198,5 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
             f"another --method: "
             f"{', '.join(METHODS)}"
         )
-    from rig.identification.cluster import cluster
-
     with cluster(scheduler) as (executor, count):
         yield replace(method, executor=executor, chunks=count)

@@ -11,6 +11,8 @@ import click
 from rig.cli.options import Command, QuantityOption, json_option, out_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
+from rig.recording.foreign.foreign_file import Dialect
+from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
 if TYPE_CHECKING:
@@ -175,7 +177,6 @@ def command(
     the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
     an imported run like a recorded one.
     """
-    from rig.recording.foreign.foreign_file import Dialect
     from rig.recording.foreign_tests import WantedTests, read_tests
     from rig.recording.importing import Described, write_run
     from rig.recording.motion_parts import every_part
@@ -204,6 +205,7 @@ def command(
 
 def _tell_how_read(tests: Sequence[ImportedTest]) -> None:
     """One line for each way in which files were read, with the files, and under it the columns."""
+    # loads h5py: not needed for the help
     from rig.recording.foreign_tests import named_files
 
     alike: dict[str, dict[Path, None]] = {}
@@ -217,8 +219,6 @@ def _tell_how_read(tests: Sequence[ImportedTest]) -> None:
 
 
 def _show(folder: Path, as_json: bool) -> int:
-    from rig.recording.run import Run
-
     run = Run.open(folder)
     valid = sum(point.verdict == "valid" for point in run.points)
     if as_json:
@@ -231,6 +231,7 @@ def _show(folder: Path, as_json: bool) -> int:
         ]  # fmt: skip
         write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points)})
     else:
+        # loads pyserial and pydantic: not needed for the help
         from rig.cli.display import described
 
         shown = console()

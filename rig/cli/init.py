@@ -17,6 +17,8 @@ import click
 from rig.cli.options import Command, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, FileProblem
+from rig.files.described import described
+from rig.units import UnitProblem, parse
 
 BENCH, MATRIX = "bench.toml", "matrix.toml"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -101,8 +103,6 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
 
 def _asked(question: Question) -> str:
     """Ask until the answer can be used."""
-    from rig.units import UnitProblem, parse
-
     while True:
         answer = str(click.prompt(question.text, default=question.default, err=True)).strip().replace('"', "")
         if not question.dimension:
@@ -126,6 +126,7 @@ def _check_names(answers: Mapping[str, str]) -> None:
     Raises:
         UsageError: there is no such device; the known ones are listed.
     """
+    # loads pyserial: not needed for the help
     from drivers.catalogue import actuator_names, known_current_source_names, sensor_format_names, supply_names
 
     known = {
@@ -152,6 +153,7 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
         FileProblem: one of them is there already, or a named file cannot be used.
         OSError: they cannot be written.
     """
+    # loads numpy and pyserial: not needed for the help
     from rig.bench.model import Bench
     from rig.matrix.model import Matrix, load_files
 
@@ -199,14 +201,14 @@ def _template(ecu: str) -> str:
         return "by_hand.toml"
     if not _is_supply(ecu):
         return "ecu.toml"
+    # loads pyserial: not needed for the help
     from drivers.catalogue import supply
-    from rig.files.described import described
-
     return "supply.toml" if supply(described("supply", ecu)).output is None else "output.toml"
 
 
 def _is_supply(answer: str) -> bool:
     """The current comes from a programmable supply: a preset's name, or a file of its language."""
+    # loads pyserial: not needed for the help
     from drivers.catalogue import supply_names
 
     return answer in supply_names() or answer.endswith(".toml")

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from rig.campaign import run_campaign
 from rig.cli.words import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID
 
@@ -149,7 +150,6 @@ def run_job(
     Raises:
         RigError: refused before a campaign directory exists.
     """
-    from rig.campaign import run_campaign
     from rig.cli.display import display_for
 
     with hangups_interrupt(), Analyst() as analyst:

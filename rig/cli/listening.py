@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from drivers.can_sniffing import decoded, listen_to_can
+from drivers.connection import CanAddress, LineSettings
+from drivers.errors import DriverError
+from protocols.errors import LocalProtocolError
+from protocols.guess_can import read_candump, summaries
 from rig import units
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError
+from rig.files.described import LARGEST_NETWORK_BYTES, dbc_text, described
 
 if TYPE_CHECKING:
     from drivers.sniffing import Heard, Match
@@ -115,7 +121,6 @@ def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] 
     Raises:
         NothingHeard: the bus cannot be joined.
     """
-    from protocols.guess_can import read_candump
     from rig.bench.address import INTERFACES
 
     if options["captured"] is not None:
@@ -124,10 +129,6 @@ def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] 
     interface, colon, channel = (port or "").partition(":")
     if not colon or interface not in INTERFACES:
         return None
-    from drivers.can_sniffing import listen_to_can
-    from drivers.connection import CanAddress
-    from drivers.errors import DriverError
-
     try:
         return listen_to_can(CanAddress(interface, channel, options["bitrate"]), max(1.0, options["seconds"]))
     except DriverError as error:
@@ -157,8 +158,6 @@ def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
         NothingHeard: the port cannot be opened.
         UsageError: a parity without a rate.
     """
-    from drivers.connection import LineSettings
-    from drivers.errors import DriverError
     from drivers.sniffing import Heard, listened
 
     if port is None:
@@ -176,6 +175,7 @@ def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _answer(source: str, rounds: list[Heard], given: str | None, url: str | None) -> dict[str, Any]:
+    # loads pyserial: not needed for the help
     from drivers.sniffing import entries, guessed
 
     heard = rounds[-1]
@@ -205,10 +205,8 @@ def _tried(data: bytes, given: str) -> Match:
     Raises:
         FileProblem: the format cannot be used; with every reason.
     """
+    # loads pyserial: not needed for the help
     from drivers.sniffing import tried
-    from protocols.errors import LocalProtocolError
-    from rig.files.described import described
-
     try:
         return tried(data, described("sensor-format", given), given)
     except LocalProtocolError as error:
@@ -302,15 +300,9 @@ def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
     Raises:
         FileProblem: the DBC cannot be read.
     """
-    from protocols.guess_can import summaries
-
     answer: dict[str, Any] = {"frames": len(frames), "found": bool(frames), "identifiers": []}
     known: dict[int, dict[str, Any]] = {}
     if dbc is not None:
-        from drivers.can_sniffing import decoded
-        from protocols.errors import LocalProtocolError
-        from rig.files.described import LARGEST_NETWORK_BYTES, dbc_text
-
         try:
             known, answer["unknown_identifiers"] = decoded(frames, dbc_text(dbc, LARGEST_NETWORK_BYTES))
         except LocalProtocolError as error:

@@ -8,6 +8,7 @@ import click
 
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, show, write_json
+from rig.document.blocks import Column, Head, table
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def command(names: tuple[str, ...], as_json: bool) -> int:
     Each model can be fitted (`rig identify --model NAME`) and can be used as the simulated rig's damper (`[damper]
     model`, or `set`).
     """
+    # loads numpy: not needed for the help
     from rig import dampers
 
     models = [dampers.model(name) for name in names or dampers.MODELS]
@@ -36,6 +38,7 @@ def command(names: tuple[str, ...], as_json: bool) -> int:
 
 
 def _entry(damper: DamperModel) -> dict[str, Any]:
+    # loads numpy: not needed for the help
     from rig.dampers.catalogue import set_name
     from rig.dampers.current_law_model import base_of
 
@@ -51,6 +54,7 @@ def _entry(damper: DamperModel) -> dict[str, Any]:
 
 
 def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
+    # loads numpy: not needed for the help
     from rig.dampers.temperature_law import softens_by
 
     return {
@@ -70,8 +74,6 @@ def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
 def _show(damper: DamperModel, *, whole: bool) -> None:
     from rich.padding import Padding
     from rich.text import Text
-
-    from rig.document.blocks import Column, Head, table
 
     shown = console()
     shown.print(f"{damper.name}", style="bold", markup=False)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.files.quantity import Quantity
 from rig.matrix.methods import METHODS, check_method, method_names
 
 if TYPE_CHECKING:
-    from rig.files.quantity import Quantity
+    pass
 
 WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
 """Of a command; an option and its value are one."""
@@ -33,8 +34,6 @@ class QuantityOption(click.ParamType[float]):
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Text to SI; what does not fit is a usage error."""
-        from rig.files.quantity import Quantity
-
         wanted = Quantity(self.wanted) if isinstance(self.wanted, str) else self.wanted
         try:
             return wanted.convert(value)

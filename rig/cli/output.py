@@ -12,8 +12,10 @@ import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.document.terminal import lines
 from rig.errors import RigError
 from rig.extras import how_to_install
+from rig.recording.atomic_write import write_durably
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -102,14 +104,13 @@ def write_pdf(document: Document, page: Path) -> Path:
         OSError: the file cannot be written.
     """
     try:
+        # loads numpy: not needed for the help
         from rig.document.pdf import pdf
     except ImportError as error:
         raise RigError(
             f"{page} was written, but the PDF was not: {error.name or 'reportlab'} is not installed. Fix: "
             f"{how_to_install('pdf')}, or print the page from a browser (the page has an A4 print style)"
         ) from error
-    from rig.recording.atomic_write import write_durably
-
     path = page.with_suffix(".pdf")
     write_durably(path, pdf(document))
     return path
@@ -117,7 +118,5 @@ def write_pdf(document: Document, page: Path) -> Path:
 
 def show(blocks: Iterable[Block], on: Console) -> None:
     """Print blocks of a document as wide as the console."""
-    from rig.document.terminal import lines
-
     for line, style in lines(blocks, on.width):
         on.print(line, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -15,12 +15,12 @@ from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, FileProblem, RigError
+from rig.page.settings import PageSettings
+from rig.page.started import PageProcess
 
 if TYPE_CHECKING:
     from rig.campaign.live_link import LiveLink
     from rig.campaign.results import CampaignResult
-    from rig.page.settings import PageSettings
-    from rig.page.started import PageProcess
 
 GONE = "sigterm"
 """What stopped a campaign whose terminal was closed, or whose program was told to end."""
@@ -62,8 +62,6 @@ def page_settings(
         if stay:
             raise click.UsageError("--stay requires --page")
         return None
-    from rig.page.settings import PageSettings
-
     settings = PageSettings(
         address="127.0.0.1" if address is None else address, cert="" if cert is None else str(cert.resolve()),
         key="" if key is None else str(key.resolve()),
@@ -109,6 +107,7 @@ class RunLink:
 
     def ended(self, result: CampaignResult) -> None:
         """Show how the campaign ended."""
+        # loads numpy and pyserial: not needed for the help
         from rig.cli.words import ending
 
         if self.link is not None:
@@ -130,6 +129,7 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
     """
     from dataclasses import replace
 
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.live_link import LiveLink
 
     try:
@@ -143,8 +143,6 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
         ends.callback(link.close)
         page = None
         if settings is not None:
-            from rig.page.started import PageProcess
-
             page = PageProcess.start(replace(settings, live=str(link.folder)))
             ends.callback(page.close)
             say(f"page: {page.url}", err=True)
@@ -174,6 +172,7 @@ def command(
     import asyncio
     from dataclasses import replace
 
+    # loads numpy: not needed for the help
     from rig.page.process import serve_page
 
     settings = page_settings(page_address, page_cert, page_key)

@@ -35,6 +35,7 @@ def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     exit code is then 3. The exit code is also 3 if the bench does not meet a requirement of the matrix, as with `rig
     run`.
     """
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.setup import check_requirements
     from rig.cli.analysis_check import check_analysis
     from rig.cli.tables import PlanText

@@ -8,9 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers import plugins
+from drivers.plugins import BrokenPlugIn, found, plug_in_of
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, show, write_json
+from rig.document.blocks import Paragraph, table
 from rig.errors import EXIT_DONE, EXIT_USAGE
+from rig.matrix.methods import METHODS
+from rig.plugins import made_of
 
 if TYPE_CHECKING:
     from drivers.plugins import PlugIn
@@ -51,13 +56,10 @@ def command(as_json: bool) -> int:
 
 def _kinds() -> dict[str, Kind]:
     """The groups, drivers first."""
-    from drivers import plugins
     from drivers.catalogue import own_names
     from rig.dampers.catalogue import CATALOGUE, model_of_plug_in
     from rig.export.exporter import OWN, exporter_of_plug_in
-    from rig.matrix.methods import METHODS
     from rig.optimisers.methods import method_of_plug_in
-    from rig.plugins import made_of
     from rig.report.plugin_sections import section_of
 
     def driver(kind: str, group: str) -> Kind:
@@ -78,14 +80,10 @@ def _kinds() -> dict[str, Kind]:
 
 
 def _listed() -> list[dict[str, str]]:
-    from drivers.plugins import found
-
     return [_entry(plug_in, kind) for group, kind in _kinds().items() for plug_in in found(group)]
 
 
 def _entry(plug_in: PlugIn, kind: Kind) -> dict[str, str]:
-    from drivers.plugins import BrokenPlugIn, plug_in_of
-
     state, problem = OK, ""
     if plug_in.name in kind.own:
         state = SHADOWED
@@ -103,8 +101,6 @@ def _entry(plug_in: PlugIn, kind: Kind) -> dict[str, str]:
 
 
 def _show(listed: list[dict[str, str]]) -> None:
-    from rig.document.blocks import Paragraph, table
-
     shown = console()
     if not listed:
         shown.print("no plug-ins are installed", markup=False)

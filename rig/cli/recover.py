@@ -21,6 +21,7 @@ def command(run: Path, as_json: bool) -> int:
     Finished points are not changed. The exit code is 5 if a recovered point is not valid, for example because it is
     incomplete.
     """
+    # loads numpy: not needed for the help
     from rig.recording.conversion.recovery import recover
     from rig.recording.run import unreadable_points
 

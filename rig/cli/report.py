@@ -23,6 +23,7 @@ from rig.text_file import read_json
 @json_option
 def command(run: Path, on_paper: bool, as_json: bool) -> int:
     """Write report.html for RUN (a campaign folder) as one self-contained file."""
+    # loads numba and numpy: not needed for the help
     from rig.report.document import written_report
 
     report, document = written_report(run)

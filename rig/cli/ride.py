@@ -10,6 +10,8 @@ import click
 from rig.cli.options import Command, QuantityOption, json_option
 from rig.cli.output import console, say, show, write_json
 from rig.errors import EXIT_DONE
+from rig.recording.atomic_write import write_text_durably
+from rig.vehicle.laws import MOST_A, Control
 
 if TYPE_CHECKING:
     from rig.vehicle.laws import Law
@@ -52,11 +54,11 @@ def command(
     to 18 Hz, with the uncertainty due to the fits.
     """
     _check_currents({"--current": current, "--most-current": most_current})
+    # loads numba and scipy: not needed for the help
     from rig.study.ride_draws import drawn_again
     from rig.vehicle.answer import as_json as plain
     from rig.vehicle.car import load_car
     from rig.vehicle.fitted_damper import fitted_damper
-    from rig.vehicle.laws import Control
     from rig.vehicle.ride import ride_study
     from rig.vehicle.road_file import load_road
 
@@ -68,7 +70,6 @@ def command(
     study = ride_study(load_car(car), load_road(road), chosen, controls, _progress)
     answer = plain(study)
     if out is not None:
-        from rig.recording.atomic_write import write_text_durably
         from rig.report.ride import ride_page
 
         write_text_durably(out, ride_page(study))
@@ -76,6 +77,7 @@ def command(
     if as_json:
         write_json(answer)
         return EXIT_DONE
+    # loads numba and scipy: not needed for the help
     from rig.report.ride import differences, numbers, warnings
 
     show([*differences(study), *numbers(study), *warnings(study)], console())
@@ -85,8 +87,6 @@ def command(
 
 
 def _check_currents(given: dict[str, float]) -> None:
-    from rig.vehicle.laws import MOST_A
-
     for name, value in given.items():
         if not 0.0 <= value <= MOST_A:
             raise click.BadParameter(f"got {value:g} A, expected 0 to {MOST_A:g} A", param_hint=name)

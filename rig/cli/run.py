@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.campaign_folder import CampaignFolder
+from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.options import Command, RunPath, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.cli.page import live_link, page_options, page_settings
@@ -101,6 +102,7 @@ def command(
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
     words = _requalified(requalified, resume)
     settings = page_settings(page_address, page_cert, page_key, wanted=page, hold=hold, stay=stay)
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
     from rig.cli.job import run_job
@@ -148,6 +150,7 @@ def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
 
 def _stay(live: RunLink, result: JobResult) -> None:
     """Wait with the page until an operator closes it or the terminal is closed."""
+    # loads numpy and pyserial: not needed for the help
     from rig.cli.job import hangups_interrupt
 
     with hangups_interrupt():
@@ -159,7 +162,6 @@ def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None,
 
     The reader of the output may have closed it meanwhile: the exit code still states how the campaign ended.
     """
-    from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
     from rig.cli.words import ending
 
     numbers = hybrid_numbers(result) if hybrid else {}
@@ -185,6 +187,7 @@ def rig_of(
     """Bench file and arguments of the simulated rig; one with the devices of a bench file writes its own."""
     if bench is None or not simulate:
         return bench, simulator_args
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.simulated_rig import wearing
 
     return None, (*wearing(bench), *simulator_args)
@@ -192,6 +195,7 @@ def rig_of(
 
 def following(tests: Matrix, simulator_args: tuple[str, ...], *, usual: bool) -> tuple[str, ...]:
     """Arguments of the usual simulated rig: it follows set-points where the matrix needs that, unless one is named."""
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.simulated_rig import STREAMED
 
     named = any(argument.partition("=")[0] in {"--actuator", "--register-map"} for argument in simulator_args)
@@ -207,6 +211,7 @@ def _requalified(text: str | None, resume: Path | None) -> str:
     """
     if text is None:
         return ""
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.confirmation import LONGEST_TEXT
 
     words = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
@@ -228,6 +233,7 @@ def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
         return matrix
     if resume is None:
         raise click.UsageError("no matrix specified. Fix: use rig run MATRIX --bench FILE or rig run --resume RUN")
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.setup import described
 
     described(resume)
@@ -240,6 +246,7 @@ def _speed(speed: float | None, resume: Path | None) -> float:
         return speed
     if resume is None:
         return 1.0
+    # loads numpy and pyserial: not needed for the help
     from rig.campaign.resume import speed_before
 
     return speed_before(resume)
@@ -284,6 +291,7 @@ def show_result(result: JobResult, shown: Console) -> None:
     """Say how the job ended: points, stop, fit, paths."""
     from rich.text import Text
 
+    # loads numpy and pyserial: not needed for the help
     from rig.cli.tables import duration
     from rig.cli.words import ending
 

@@ -13,7 +13,9 @@ import click
 from rig.campaign_folder import CampaignFolder
 from rig.cli.options import LOGS, Command, json_option
 from rig.cli.output import console, show, write_json
+from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
+from rig.recording.point_files import unfinished
 from rig.recording.run_index import VERDICTS, RunFilter, listed
 
 WIDE = 110
@@ -69,8 +71,6 @@ def _listed(folder: Path, wanted: RunFilter, last: int | None) -> list[dict[str,
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:
-    from rig.document.blocks import Column, Paragraph, table
-
     shown = console()
     if not runs:
         shown.print(f"no matching runs in {folder}", markup=False)
@@ -96,7 +96,6 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
 
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
-    from rig.recording.point_files import unfinished
     from rig.recording.run import Run, read_campaign
 
     summary: dict[str, Any] = {

@@ -16,42 +16,49 @@ if TYPE_CHECKING:
 
 
 def _bench() -> dict[str, Any]:
+    # loads pyserial and pydantic: not needed for the help
     from rig.bench.model import Bench
 
     return Bench.model_json_schema(by_alias=True)
 
 
 def _matrix() -> dict[str, Any]:
+    # loads numpy and pyserial: not needed for the help
     from rig.matrix.model import Matrix
 
     return Matrix.model_json_schema(by_alias=True)
 
 
 def _car() -> dict[str, Any]:
+    # loads pydantic: not needed for the help
     from rig.vehicle.car import Car
 
     return Car.model_json_schema(by_alias=True)
 
 
 def _road() -> dict[str, Any]:
+    # loads numpy and pydantic: not needed for the help
     from rig.vehicle.road_file import RoadFile
 
     return RoadFile.model_json_schema(by_alias=True)
 
 
 def _bands() -> dict[str, Any]:
+    # loads numpy and pydantic: not needed for the help
     from rig.comparison.bands import Bands
 
     return Bands.model_json_schema(by_alias=True)
 
 
 def _register_map() -> dict[str, Any]:
+    # loads pydantic: not needed for the help
     from rig.files.register_map import RegisterMapFile
 
     return RegisterMapFile.model_json_schema(by_alias=True)
 
 
 def _ecu_roles() -> dict[str, Any]:
+    # loads pydantic: not needed for the help
     from rig.files.ecu_roles import RolesFile
 
     schema: dict[str, Any] = RolesFile.model_json_schema(by_alias=True)
@@ -59,12 +66,14 @@ def _ecu_roles() -> dict[str, Any]:
 
 
 def _supply() -> dict[str, Any]:
+    # loads pydantic: not needed for the help
     from rig.files.supply import OutputFile, SupplyFile
 
     return _either(SupplyFile, OutputFile)
 
 
 def _sensor_format() -> dict[str, Any]:
+    # loads pydantic: not needed for the help
     from rig.files.sensor_format import FrameFormatFile, LineFormatFile
 
     return _either(LineFormatFile, FrameFormatFile)

@@ -11,6 +11,7 @@ import click
 
 from rig.cli.options import Command, json_option, scheduler_option
 from rig.cli.output import console, show, write_json
+from rig.document.blocks import Column, Head, Paragraph, table
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    # loads numba and scipy: not needed for the help
     from rig.study.benchmark_file import is_benchmark
     from rig.study.comparison import run_study
     from rig.study.outputs import as_json as plain
@@ -94,6 +96,7 @@ def _resumable(folder: Path) -> Iterator[None]:
 def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -> int:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    # loads numpy and h5py: not needed for the help
     from rig.study.benchmark import run_benchmark
     from rig.study.outputs import as_json as plain
     from rig.study.outputs import written
@@ -110,8 +113,6 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
         results = plain([outcome.table], {}, outcome.facts)
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
         return EXIT_DONE
-    from rig.document.blocks import Column, Head, Paragraph, table
-
     head: list[Head] = [
         *outcome.table.columns[:3], Column("validation error", "% of peak", True),
         Column("variance explained", "%", True),

@@ -23,12 +23,14 @@ def wanted_files(config: pytest.Config) -> set[str]:
             raise pytest.UsageError(f"--driver {driver}: unknown driver; known drivers: {', '.join(known_drivers())}")
         wanted.add(FILES[kind])
     if model is not None:
+        # loads all algorithms and numpy: only when needed
         from rig.dampers import MODELS
 
         if model not in MODELS:
             raise pytest.UsageError(f"--model {model}: unknown model; known models: {', '.join(MODELS)}")
         wanted.add("test_model.py")
     if method is not None:
+        # loads all algorithms and numpy: only when needed
         from rig.optimisers import METHODS
 
         if method not in METHODS:

@@ -11,6 +11,8 @@ from rig.dampers import DamperModel, model
 from rig.dampers.arrays import FloatArray
 from rig.dampers.kernel import advance_of
 from rig.dampers.separation import MotionScale, Separation
+from rig.identification import Measurement, identify
+from rig.identification.models.model_slope import modelled_force
 
 SCALE = MotionScale(0.02, 0.3, 0.8, 0.0, 2.0, 0.002)
 CURRENTS_A = (0.0, 1.0, 2.0)
@@ -175,9 +177,6 @@ def test_slopes_of_the_split_are_its_differences(damper: DamperModel) -> None:
 
 def test_a_fit_finds_the_truth_again(damper: DamperModel) -> None:
     """Eight tests of the demonstration with 5 N of noise: fitted to the noise, the truth inside the intervals."""
-    from rig.identification import Measurement, identify
-    from rig.identification.models.model_slope import modelled_force
-
     random, tests = np.random.default_rng(3), []
     for current_A in FITTED_A:
         for frequency_Hz in (0.5, 2.0):

@@ -230,7 +230,7 @@ class KernelModel(DamperModel):
 
     def search(self) -> Search:
         """See `DamperModel.search`: from the parameters' starts, all positive shapes by their logarithm."""
-        from rig.dampers.separation import Search
+        from rig.dampers.separation import Search  # that module builds on this one
 
         return Search(self)
 
@@ -256,7 +256,7 @@ class AlgebraicModel(KernelModel):
             ModelProblem: the parameters are inconsistent.
         """
         del scale
-        from rig.dampers.unit_columns import separation_by_kernel
+        from rig.dampers.unit_columns import separation_by_kernel  # that module builds on this one
 
         return separation_by_kernel(self, self.non_negative)
 

@@ -12,11 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.devices.supply_file import supply_description_problems
+from drivers.register_maps.map_file import map_problems
 from protocols.descriptions import Problem
+from protocols.sensor_format import format_problems
 from rig.errors import FileProblem
+from rig.files.ecu_roles import RolesFile
 from rig.files.loader import lines_of, validated
 from rig.files.names import is_file
+from rig.files.register_map import RegisterMapFile
 from rig.files.section import Section
+from rig.files.sensor_format import model_of as sensor_format_model
+from rig.files.supply import model_of as supply_model
 from rig.files.toml_source import TomlSource, frozen, read_toml
 
 Plain = Mapping[str, Any]
@@ -35,49 +42,18 @@ class Kind:
     problems: Callable[[Plain], Iterable[Problem]]
 
 
-def _sensor_format() -> Kind:
-    from protocols.sensor_format import format_problems
-    from rig.files.sensor_format import model_of
-
-    return Kind(model_of, format_problems)
-
-
-def _supply() -> Kind:
-    from drivers.devices.supply_file import supply_description_problems
-    from rig.files.supply import model_of
-
-    return Kind(model_of, supply_description_problems)
-
-
-def _register_map() -> Kind:
-    from drivers.register_maps.map_file import map_problems
-    from rig.files.register_map import RegisterMapFile
-
-    return Kind(lambda _: RegisterMapFile, map_problems)
-
-
-def _ecu_roles() -> Kind:
-    from rig.files.ecu_roles import RolesFile
-
-    return Kind(lambda _: RolesFile, lambda _: ())  # what they contradict shows with their DBC: `ecu_problems`
-
-
-KINDS: Mapping[str, Callable[[], Kind]] = {
-    "sensor-format": _sensor_format, "supply": _supply, "register-map": _register_map,
-    "ecu-roles": _ecu_roles,
-}  # fmt: skip
-"""Kinds by the names of `rig schema`; each imports what it describes when it is first used."""
-
-
-@functools.cache
-def kind_named(name: str) -> Kind:
-    """The kind of that name."""
-    return KINDS[name]()
+KINDS: Mapping[str, Kind] = {
+    "sensor-format": Kind(sensor_format_model, format_problems),
+    "supply": Kind(supply_model, supply_description_problems),
+    "register-map": Kind(lambda _: RegisterMapFile, map_problems),
+    "ecu-roles": Kind(lambda _: RolesFile, lambda _: ()),  # what they contradict shows with their DBC: `ecu_problems`
+}
+"""Kinds by the names of `rig schema`."""
 
 
 def problems_of(kind: str, table: Plain) -> list[Problem]:
     """What is wrong with a table: with its entries, else with what they say together."""
-    description, whole = kind_named(kind), frozen(table)
+    description, whole = KINDS[kind], frozen(table)
     _, problems = validated(whole, description.model(whole))
     return problems or list(description.problems(whole))
 

@@ -21,6 +21,7 @@ from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.fits.entries import Cause, ErrorSummary
 from rig.identification.application.tested_range import tested_range
 from rig.identification.cross_validation import cross_validated, refuse_one_pair
+from rig.identification.diagnosis.statement import Fitted
 from rig.identification.fit_state import FitState, stages_of
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
@@ -275,8 +276,6 @@ def _with_diagnosis(state: FitState) -> FitState:
 def _diagnosis(state: FitState) -> tuple[Cause, ...]:
     """What probably explains the misfit of the fit."""
     from rig.identification.diagnosis.ranking import diagnose  # loads the search of each cause
-    from rig.identification.diagnosis.statement import Fitted
-
     fit, best, diagnosed = state.so_far, state.chosen, state.options.diagnose
     if best is None:
         return ()

@@ -18,6 +18,8 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.fits.entries import Cause, Corrections, Estimate, Evaluation, SolverReport, Uncertainty
 from rig.fits.relation import CurrentRelations, Relation, relations
+from rig.identification.diagnosis.ranking import diagnose
+from rig.identification.diagnosis.statement import Fitted
 from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.model_slope import modelled_force
@@ -204,9 +206,6 @@ def _outside(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> 
 
 def _diagnosed(model: DamperModel, levels: Sequence[Level], options: FitOptions) -> tuple[Cause, ...]:
     """What probably explains the misfit at the current where it is largest; units and signs of all tests."""
-    from rig.identification.diagnosis.ranking import diagnose
-    from rig.identification.diagnosis.statement import Fitted
-
     worst = max(levels, key=lambda level: level.fit.error.nrmse_percent_of_peak)
     misfit = any(level.fit.adequate is False for level in levels) if options.diagnose is None else options.diagnose
     tests = [_without_current(test) for test in worst.tests]

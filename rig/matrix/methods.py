@@ -39,6 +39,7 @@ def check_method(name: str) -> None:
         KeyError: no such method.
     """
     if name not in METHODS:
+        # loads all algorithms and numpy: only when needed
         from rig.optimisers import METHODS as SEARCHES
 
         SEARCHES[name]

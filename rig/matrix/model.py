@@ -22,7 +22,9 @@ from rig.errors import FileProblem, FileProblems
 from rig.files.loader import WrongKind, load_section
 from rig.files.section import Section
 from rig.matrix import named_files
+from rig.matrix.forecast import forecaster
 from rig.matrix.hybrid_table import HybridTable
+from rig.matrix.order_by_heat import by_heat
 from rig.matrix.sections import (
     Campaign,
     CurrentStep,
@@ -70,9 +72,6 @@ class Matrix(Section):
         if self.sweep.order == "random":
             random.Random(self.sweep.seed).shuffle(written)
         if self.sweep.order == "by heat" and self.temperature is not None:
-            from rig.matrix.forecast import forecaster
-            from rig.matrix.order_by_heat import by_heat
-
             return by_heat(tuple(written), forecaster(self.specimen), self.temperature)
         return tuple(written)
 

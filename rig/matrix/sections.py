@@ -12,6 +12,8 @@ from pydantic import Field, PrivateAttr, create_model, field_validator
 
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
+from rig.dampers import MODELS, PARAMETER_SETS
+from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 from rig.errors import FileProblem
 from rig.files.quantity import Quantity, Wording
 from rig.files.section import Section
@@ -67,8 +69,6 @@ class Specimen(Section):
     @field_validator("prior")
     @classmethod
     def _known_prior(cls, value: str | None) -> str | None:
-        from rig.dampers import PARAMETER_SETS
-
         if value is None or is_fit_file(value):
             return value
         if value not in PARAMETER_SETS:
@@ -280,9 +280,6 @@ class FitTable(Section):
     @field_validator("model")
     @classmethod
     def _known_model(cls, value: str) -> str:
-        from rig.dampers import MODELS
-        from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
-
         base, plus, law = value.partition("+")
         several = ("all", "auto", "few")
         known = ["all", "auto", *MODELS, "few"]

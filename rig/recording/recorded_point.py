@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import FileProblem
+from rig.recording.hdf5.reading import channel_names, read_channel, read_description, read_raw
 from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality, time_quality
 from rig.signals.arrays import FloatArray
+from rig.signals.derivatives import velocity_of
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
@@ -89,8 +91,6 @@ class RecordedPoint(TestPoint):
         Raises:
             FileProblem: the file is missing, is no HDF5, is not in this layout, or carries what a recording never does.
         """
-        from rig.recording.hdf5.reading import read_description
-
         path = Path(path)
         described = read_description(path, whole=whole)
         if described["imported"]:  # files of earlier versions hold numbers rounded to two digits
@@ -157,8 +157,6 @@ class RecordedPoint(TestPoint):
         from rig.recording.imported_quality import TestSamples, assess  # loads h5py
         from rig.recording.motion_parts import check_one_motion  # loads h5py
         from rig.recording.table_columns import check_current, table_channels  # loads h5py
-        from rig.signals.derivatives import velocity_of
-
         check_current(current_A, id)
         channels, times = table_channels(table, id, units, accept)
         arrays = dict(channels)
@@ -200,12 +198,7 @@ class RecordedPoint(TestPoint):
         Raises:
             FileProblem: the file changed or was damaged since it was opened.
         """
-        if self.arrays is not None:
-            values = self.arrays.get(name)
-        else:
-            from rig.recording.hdf5.reading import read_channel
-
-            values = read_channel(self._file, name)
+        values = self.arrays.get(name) if self.arrays is not None else read_channel(self._file, name)
         return np.full(self.samples, np.nan) if values is None else np.asarray(values, np.float64)
 
     @property
@@ -245,8 +238,6 @@ class RecordedPoint(TestPoint):
         """
         if self.arrays is not None:
             return np.asarray(self.arrays["time"], np.float64)
-        from rig.recording.hdf5.reading import read_channel
-
         values = read_channel(self._file, "time")
         if values is None:
             raise FileProblem(str(self.path), ["/entry/data/time is missing"])
@@ -280,8 +271,6 @@ class RecordedPoint(TestPoint):
         without a place in time (the device's clock went back) are not in it.
         """
         if self.arrays is None:
-            from rig.recording.hdf5.reading import read_raw
-
             raw = read_raw(self._file, "force")
             if raw is not None and "time" in raw:
                 placed = np.isfinite(raw["time"])
@@ -296,15 +285,11 @@ class RecordedPoint(TestPoint):
 
         None when the file holds no such channel.
         """
-        from rig.recording.hdf5.reading import read_raw
-
         return None if self.path is None else read_raw(self.path, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """The aligned channels as a table indexed by time in s, one column a channel in SI (`attrs["units"]`)."""
         import pandas as pd
-
-        from rig.recording.hdf5.reading import channel_names
 
         names = channel_names(self.path) if self.path is not None else list(self.arrays or {})
         columns = {name: self.channel(name) for name in names if name != "time"}

@@ -26,7 +26,7 @@ def write_pdf(report: Path) -> Path:
         OSError: the PDF cannot be written.
     """
     try:
-        from rig.document.pdf import pdf
+        from rig.document.pdf import pdf  # loads reportlab, an extra
     except ImportError as error:
         raise RigError(f"{error.name or 'reportlab'} is not installed. Fix: {how_to_install('pdf')}") from error
     path = report.with_suffix(".pdf")

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from rig.dampers import model as damper_model
+from rig.dampers.catalogue import MODELS
 from rig.dampers.covered import in_words
 from rig.errors import RigError
 from rig.fits.entries import ErrorSummary, TestError, mean_within
@@ -137,8 +138,6 @@ def competitors(wanted: BenchmarkFile) -> list[tuple[str, str]]:
 
     The three steps identify the normalised Bouc-Wen model only.
     """
-    from rig.dampers.catalogue import MODELS
-
     chosen = wanted.benchmark
     models = tuple(MODELS) if chosen.models == "all" else chosen.models
     methods = known_methods() if chosen.methods == "all" else chosen.methods

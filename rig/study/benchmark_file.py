@@ -10,11 +10,14 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from protocols.descriptions import Problem
+from rig.dampers.catalogue import MODELS
 from rig.errors import FileProblem, IdentificationFailed
-from rig.files.loader import load_section
+from rig.files.loader import TABLES, load_section
 from rig.files.places import problem_at
 from rig.files.section import Section
+from rig.files.toml_source import read_toml
 from rig.identification.cross_validation import LEFT_OUT as PAIRS
+from rig.identification.models.solving import known_methods
 from rig.identification.points.whole_record import last_share
 
 SEPARABLE = "separable"
@@ -105,9 +108,6 @@ def load_benchmark(path: Path) -> BenchmarkFile:
     Raises:
         FileProblem: with every wrong entry of the file at once.
     """
-    from rig.dampers.catalogue import MODELS
-    from rig.identification.models.solving import known_methods
-
     wanted, source = load_section(path, BenchmarkFile, "benchmark")
     named = {
         "models": (wanted.benchmark.models, tuple(MODELS)),
@@ -130,7 +130,4 @@ def load_benchmark(path: Path) -> BenchmarkFile:
 
 def is_benchmark(path: Path) -> bool:
     """Whether a file that is to be studied is a benchmark's; what is wrong with it is told when it is loaded."""
-    from rig.files.loader import TABLES
-    from rig.files.toml_source import read_toml
-
     return bool(read_toml(path).data.keys() & TABLES["benchmark"])

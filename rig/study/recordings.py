@@ -11,6 +11,8 @@ import numpy as np
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
 from rig.identification.models.measurement import Measurement, set_of
+from rig.identification.points.preparation import prepare_all
+from rig.recording.run import Run
 from rig.study.study_file import Data
 from rig.test_point import LOOP
 
@@ -154,9 +156,6 @@ def content_hash(tests: Sequence[Measurement]) -> str:
 
 
 def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
-    from rig.identification.points.preparation import prepare_all
-    from rig.recording.run import Run
-
     runs = [Run.open(Path(folder)) for folder in data.runs]
     specimens = {str(run.campaign["specimen"]) for run in runs if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from protocols.descriptions import Problem
 from rig.dampers import PARAMETER_SETS
+from rig.dampers.catalogue import MODELS
 from rig.errors import FileProblem
 from rig.files.loader import load_section
 from rig.files.places import problem_at
@@ -162,8 +163,6 @@ class StudyFile(Section):
     @property
     def fingerprint(self) -> str:
         """Hash of everything that decides what one search would return: results of other fingerprints are not mixed."""
-        from rig.dampers.catalogue import MODELS
-
         ranges = [
             (name, parameter.name, parameter.low, parameter.high)
             for name, model in MODELS.items()
@@ -226,8 +225,6 @@ def load_study(path: Path) -> StudyFile:
 
 def _ones_outside(study: StudyFile) -> list[str]:
     """Parameters whose own range does not hold 1, of the models that are searched from all ones."""
-    from rig.dampers.catalogue import MODELS
-
     def led(method: str) -> bool:
         return SETTINGS.get(method, (method,))[0] in LED
 
@@ -242,6 +239,4 @@ def _ones_outside(study: StudyFile) -> list[str]:
 
 
 def _known_models() -> list[str]:
-    from rig.dampers.catalogue import MODELS
-
     return list(MODELS)

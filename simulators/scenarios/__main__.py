@@ -60,6 +60,7 @@ def command(
 
     The exit code is 5 if a check fails in any scenario.
     """
+    # loads numba and numpy: not needed for the help
     from simulators.scenarios.request import Files, request_for, seeds_of
 
     if happening:
@@ -101,6 +102,7 @@ def _run(seeds: range, asked: ScenarioRequest, ways: dict[str, Any], *, as_json:
     Raises:
         KeyboardInterrupt: Ctrl-C; what was done is told.
     """
+    # loads numba and numpy: not needed for the help
     from simulators.scenarios.output import ProgressOutput
     from simulators.scenarios.runs import every, in_a_worker
     from simulators.scenarios.shrink import tell_smallest

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.words import ending
+from rig.identification import identify_run
 from rig.matrix.model import load_matrix
 from rig.recording.run import Run
 from simulators.scenarios.invariants import judged
@@ -107,8 +108,6 @@ class CampaignEnd:
         Raises:
             IdentificationFailed: no model could be fitted.
         """
-        from rig.identification import identify_run
-
         folder = self.run.path
         wanted = load_matrix(CampaignFolder(folder).matrix).identify
         return identify_run([folder], **wanted.model_dump(exclude={"enabled"}))

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from rig.faults.matrix import MATRIX as ROWS
+
 if TYPE_CHECKING:
     from rig.bench.model import Bench
     from rig.faults.row import FaultRow
@@ -65,6 +67,7 @@ def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Non
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse unknown names before anything is collected."""
     if hasattr(config.option, "rig_driver"):
+        # loads pyserial: only when needed
         from rig.conformance.choice import wanted_files
 
         wanted_files(config)
@@ -100,6 +103,7 @@ def matrix_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
 @pytest.fixture
 def bench(bench_path: Path | None) -> Bench:
     """The lab's bench file, read and checked; every problem of it fails the test, with file and line."""
+    # loads pyserial and pydantic: only when needed
     from rig.bench.model import Bench
 
     if bench_path is None:
@@ -111,6 +115,7 @@ def bench(bench_path: Path | None) -> Bench:
 @pytest.fixture
 def matrix(matrix_path: Path) -> Matrix:
     """The lab's matrix file, read and checked."""
+    # loads numpy and pyserial: only when needed
     from rig.matrix.model import load_matrix
 
     return load_matrix(matrix_path)
@@ -119,8 +124,6 @@ def matrix(matrix_path: Path) -> Matrix:
 @pytest.fixture(scope="session")
 def faults() -> Mapping[str, FaultRow]:
     """The fault matrix: slug -> row, with what must follow (`exit_code`, `stop`, `limit`, `resume`)."""
-    from rig.faults.matrix import MATRIX as ROWS
-
     return ROWS
 
 
@@ -169,6 +172,7 @@ def campaign(_rig_folders: Folders) -> RunCampaign:
     """
 
     def ran(*faults: str, matrix: Given = None, bench: Given = None, seed: int = 1) -> CampaignEnd:
+        # loads numba and numpy: only when needed
         from simulators.scenarios.request import Files
         from simulators.testing.campaigns import run_campaign
 
@@ -189,6 +193,7 @@ def scenario(_rig_folders: Folders) -> RunScenario:
     """
 
     def ran(seed: int, *events: str, matrix: Given = None, bench: Given = None) -> ScenarioEnd:
+        # loads numba and numpy: only when needed
         from simulators.scenarios.request import Files
         from simulators.testing.campaigns import run_scenario
 
@@ -229,6 +234,7 @@ def _started(folders: Folders) -> Iterator[StartRig]:
     begun: list[RigProcess] = []
 
     def started(*arguments: str, usual: bool = False, matrix: Given = None, bench: Given = None) -> RigProcess:
+        # loads pyserial and pydantic: only when needed
         from simulators.testing.rehearsal import start
 
         folder = folders.new("rig")

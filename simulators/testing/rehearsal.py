@@ -29,6 +29,7 @@ async def serve(bench: Path, matrix: Path, out: Path) -> None:
     Raises:
         FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
     """
+    # loads numba and numpy: only when needed
     from rig.matrix.model import load_matrix
     from simulators.rig import RunOptions, SimulatedRig
     from simulators.scenarios.user_bench import UserBench

@@ -20,11 +20,13 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel, base_of
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.models.law_search import solve_with_current_law
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem, unmirrored
 from rig.identification.models.projection import Weight, Weighting
 from rig.identification.models.separable import Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.models.three_steps import solve_three_steps
 from rig.identification.models.undetermined import Undetermined
 
 if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
@@ -108,6 +110,7 @@ class Method:
 
 def known_methods() -> tuple[str, ...]:
     """Names of all methods."""
+    # loads all algorithms: only when needed
     from rig.optimisers import METHODS
 
     return (SEPARABLE, *METHODS, THREE_STEPS)
@@ -146,8 +149,6 @@ def solve(
         solution = solve_weighted(model, measurements, weighting, held, start, rival_N)
         return solution if method.loss == SQUARES else _robust(model, measurements, weighting, held, solution)
     if method.name == THREE_STEPS:
-        from rig.identification.models.three_steps import solve_three_steps
-
         return solve_three_steps(model, measurements, method.weighting(model), frozenset(findings.held))
     if method.name not in known_methods():
         raise IdentificationFailed(f"method: got {method.name!r}, expected one of {', '.join(known_methods())}")
@@ -209,8 +210,6 @@ def solve_weighted(
         IdentificationFailed: as `solve`.
     """
     if isinstance(model, CurrentLawModel):
-        from rig.identification.models.law_search import solve_with_current_law
-
         base, own = model.base, frozenset(held & set(model.base.names))
 
         def inner(tests: list[Measurement], start: Mapping[str, float] | None) -> Solution:
@@ -254,6 +253,7 @@ def _search(
     Raises:
         IdentificationFailed: no candidate gave a finite force.
     """
+    # loads all algorithms: only when needed
     from rig.optimisers import minimise
 
     problem = Problem(measurements, model, "1" if method.weight == "1" else "v")

@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.consistency import refuse_seen, refuse_twice, without_still
+from rig.identification.points.current_steps import lag_of
+from rig.identification.points.preparation import campaign_skews, prepare_all
+from rig.identification.points.whole_record import cut_in_time
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run, Selection
 
 if TYPE_CHECKING:
     from rig.identification.points.current_steps import CurrentLag
-    from rig.recording.recorded_point import RecordedPoint
-    from rig.recording.run import Run
 
     Tests = Run | Sequence[RecordedPoint] | Sequence[Measurement]
 
@@ -58,8 +61,6 @@ def fit_inputs(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Rec
     """
     share = _last_share(holdout) if isinstance(holdout, str) else None
     if share is not None:
-        from rig.identification.points.whole_record import cut_in_time
-
         known = fit_inputs(tests, None, campaign)
         beginnings, ends = cut_in_time(known.fitted, share)
         return replace(known, fitted=beginnings, held_out=ends)
@@ -92,11 +93,6 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
     Raises:
         IdentificationFailed: as there.
     """
-    from rig.identification.points.current_steps import lag_of
-    from rig.identification.points.preparation import campaign_skews, prepare_all
-    from rig.recording.recorded_point import RecordedPoint
-    from rig.recording.run import Run, Selection
-
     def points_of(group: Tests, *, suspect: bool = False) -> list[RecordedPoint]:
         if isinstance(group, Run):
             return list(group.usable if suspect else group.valid)

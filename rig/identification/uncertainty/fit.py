@@ -18,6 +18,7 @@ from rig.fits.plain import APART
 from rig.identification.application.law import Law
 from rig.identification.models.measurement import Measurement
 from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
+from rig.recording.recorded_point import RecordedPoint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -278,6 +279,4 @@ class FitPlots:
 def _tests_of_files(fit: Fit) -> list[Measurement]:
     """One cycle of each fitted test, read again from its file; those without a file are left out."""
     from rig.identification.points.preparation import prepare  # reads recordings
-    from rig.recording.recorded_point import RecordedPoint
-
     return [prepare(RecordedPoint.open(Path(test.file))) for test in fit.error.per_test if test.file]

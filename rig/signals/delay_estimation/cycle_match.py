@@ -24,6 +24,7 @@ import numpy as np
 from rig.signals.arrays import FloatArray, IntArray, TimeSeries
 from rig.signals.delay_estimation.sample_match import Match, student
 from rig.signals.fourier import FALSE_ALARM, FIRST_LINE, GRID, HIGHEST_SHARE, Series, series_of
+from rig.signals.loop_shape import noise_of
 
 FEWEST_CYCLES = 2
 FEWEST_REFERENCES = 8
@@ -97,8 +98,6 @@ def cycle_series(time_s: FloatArray, values: FloatArray, cycles: CycleStretch) -
         values: samples (n,), NaN where there is none.
         cycles: where the motion repeats.
     """
-    from rig.signals.loop_shape import noise_of
-
     whole = math.floor((cycles.end_s - cycles.start_s) / cycles.period_s + 1e-6)
     inside = np.isfinite(values) & (time_s >= cycles.start_s)
     inside &= time_s < cycles.start_s + whole * cycles.period_s
