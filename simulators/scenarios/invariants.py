@@ -302,7 +302,8 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
         at_ns for at_ns, happening in session.happened
         if happening.what in KILLING or (happening.what in OF_THE_STATION)
     ]
-    if any(happening.what == "power-cut" for _, happening in session.happened):  # it took the journal's last lines
+    # A power cut, or a disk that takes nothing, costs the journal's last lines.
+    if any(happening.what == "power-cut" or happening.what in DISK for _, happening in session.happened):
         away += [line.host_ns for line in session.truth.log if line.code in STOPS]
     last_ns = min([*away, session.ended_ns])
     from_ns = float(session.began_ns)

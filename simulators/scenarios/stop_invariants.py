@@ -64,7 +64,7 @@ OTHER_NAMES = {
     "second-master:span": {"speed-limit", "stroke-limit", "load-train"},
     "second-master:offset": {"stroke-limit", "speed-limit", "load-train"},
     "second-master:jumps": {"load-train", "speed-limit"},
-    "actuator-frozen:slips": {"position-disagreement", "load-train"},
+    "actuator-frozen:slips": {"position-disagreement", "speed-limit", "load-train"},
     "load-train:jammed": {"force-limit"},
     "ecu-overtemp:coil": {"coil-temperature"},
     "ecu-crc": {"current-unmeasured"},  # garbled answers of a supply hold no number
@@ -110,6 +110,7 @@ EXPLAINS_FOR_S = {"application-stalled": 5.0}
 WATCHERS = {"application-stalled": 0.8, **dict.fromkeys(OF_THE_STATION, 0.2)}
 """So long (s) each may stand still unnoticed while the rod moves."""
 MOVING_SHARE = 0.5
+REST_NS = 0.2e9
 OWN_SLUGS = frozenset({"host-late", "host-silent", "setpoints-late"})
 SEEN_BY_STATION = frozenset(
     {
@@ -374,12 +375,22 @@ def a_fault_ends_the_motion(view: View) -> Findings:
         row = MATRIX.get(fault.partition(":")[0])
         if row is None or not isinstance(row.end, StopKind) or SEEN_LATER & {row.slug, fault}:
             continue
+        if row.slug in OF_ITS_CURRENT and view.without_current(at_ns):
+            continue
+        if row.slug == "ecu-restart" and _supply_at_rest(view, at_ns):
+            continue
         if _shows_nothing(view, fault) or fault in PLAIN:  # PLAIN: shows only beyond a limit, which `limits` checks
             continue
         rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
         if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)) + GROWS_S.get(fault, 0.0):
             yield f"{fault}: the rod continued to move for {moved_s:.1f} s", at_ns
+
+
+def _supply_at_rest(view: View, at_ns: float) -> bool:
+    """A power supply delivers nothing: a restart then changes nothing, and the next current switches it on again."""
+    bench, rows = bench_of(view), view.between(at_ns - REST_NS, at_ns + REST_NS)
+    return bench is not None and bench.ecu.url is not None and not np.any(np.abs(rows[:, 2]) > NO_CURRENT_A)
 
 
 def a_program_ends(view: View) -> Findings:
