@@ -68,10 +68,10 @@ def program(name: str) -> str:
     return str(BIN / (name + (".exe" if os.name == "nt" else "")))
 
 
-def run(*command: str, cwd: Path = ROOT, told: IO[str] | None = None, **environment: str) -> int:
+def run(*command: str, cwd: Path = ROOT, output: IO[str] | None = None, **environment: str) -> int:
     """Run a command with its output shown, or told to a file, and with these variables set; return its exit code."""
-    errors = None if told is None else subprocess.STDOUT
-    return subprocess.call(command, cwd=cwd, env={**os.environ, **environment}, stdout=told, stderr=errors)
+    errors = None if output is None else subprocess.STDOUT
+    return subprocess.call(command, cwd=cwd, env={**os.environ, **environment}, stdout=output, stderr=errors)
 
 
 def install(*extras: str) -> None:
@@ -90,8 +90,8 @@ def install(*extras: str) -> None:
     if not (VENV / "pyvenv.cfg").exists():
         print("dev.py: making .venv", flush=True)
         venv.create(VENV, with_pip=True)
-    wanted = [extra for extra in extras if extra != "peers"]
-    if code := pip("-e", f".[{','.join(wanted)}]" if wanted else "."):
+    requested = [extra for extra in extras if extra != "peers"]
+    if code := pip("-e", f".[{','.join(requested)}]" if requested else "."):
         sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
     others = (("-e", ".[peers,cluster]"), ("--no-deps", MEALPY), ("-e", ".[nexus]"))
     if "peers" in extras and sum(pip(*packages) != 0 for packages in others):
@@ -129,20 +129,20 @@ def progress(text: str, end: str = "") -> None:
         print(f"dev.py: {text}", flush=True)
 
 
-def wheel_smoke_test(told: IO[str]) -> int:
+def wheel_smoke_test(output: IO[str]) -> int:
     """Build the wheel, unpack it into a folder elsewhere, import the four packages from there."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         build = run(
             program("python"), "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps",
-            "--wheel-dir", str(place), str(ROOT), told=told,
+            "--wheel-dir", str(place), str(ROOT), output=output,
         )
         if build != 0:
             return build
         (wheel,) = place.glob("*.whl")
         target = place / "site"
         if code := run(program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-                       "--no-deps", "--target", str(target), str(wheel), told=told):
+                       "--no-deps", "--target", str(target), str(wheel), output=output):
             return code
         script = (
             f"import sys; from pathlib import Path; site = {str(target)!r}; sys.path.insert(0, site)\n"
@@ -155,7 +155,7 @@ def wheel_smoke_test(told: IO[str]) -> int:
             "from drivers.devices.source import current_source\n"
             "controller('demo'), current_source('demo')\n"
         )
-        return run(program("python"), "-P", "-c", script, cwd=place, told=told)
+        return run(program("python"), "-P", "-c", script, cwd=place, output=output)
 
 
 def checks(arguments: list[str]) -> int:
@@ -209,11 +209,11 @@ def nightly() -> int:
 def checked(name: str, work: Callable[..., int]) -> int:
     """Run a check and show what it says in one piece when it ends. Returns its exit code."""
     started = time.perf_counter()
-    with tempfile.TemporaryFile("w+") as said:
-        code = work(told=said)
-        said.seek(0)
+    with tempfile.TemporaryFile("w+") as output_file:
+        code = work(output=output_file)
+        output_file.seek(0)
         end = "ok" if code == 0 else f"FAILED (exit {code})"
-        print(f"{said.read()}dev.py: {name} {end}, {time.perf_counter() - started:.0f} s", flush=True)
+        print(f"{output_file.read()}dev.py: {name} {end}, {time.perf_counter() - started:.0f} s", flush=True)
     return code
 
 
@@ -242,36 +242,36 @@ def side_by_side(command: list[str]) -> int:
         folder = Path(name)
         # A cache would know only what one of them saw.
         command = [*command, f"--shared={folder}", "-p", "no:cacheprovider"]
-        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
-        locks = [files.enter_context((folder / "others").open("w")) for _ in told]
+        outputs = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
+        locks = [files.enter_context((folder / "others").open("w")) for _ in outputs]
         for lock in locks:
             fcntl.flock(lock, fcntl.LOCK_SH)
         running = [subprocess.Popen([*command, "--then-wires"], cwd=ROOT)]
         try:
             while not (folder / "collected").exists() and running[0].poll() is None:
                 time.sleep(0.1)
-            for said, lock in zip(told, locks, strict=True):
+            for output_file, lock in zip(outputs, locks, strict=True):
                 running.append(subprocess.Popen(
                     [*command, "-m", "not wire", f"--lock={lock.fileno()}"], cwd=ROOT, pass_fds=[lock.fileno()],
-                    stdout=said, stderr=subprocess.STDOUT,
+                    stdout=output_file, stderr=subprocess.STDOUT,
                 ))
                 lock.close()
             codes = [process.wait() for process in reversed(running)]
         finally:
             for process in running:
                 process.terminate()
-        for said in told:
-            said.seek(0)
-            print(said.read(), flush=True)
+        for output_file in outputs:
+            output_file.seek(0)
+            print(output_file.read(), flush=True)
     return next((code for code in codes if code), 0)
 
 
-def branches_taken(package: str, tests: str, least: int, told: IO[str]) -> int:
+def branches_taken(package: str, tests: str, least: int, output: IO[str]) -> int:
     """Run a package's own tests; fail unless they take so many of its branches (%). Compiled kernels run as Python."""
     with tempfile.TemporaryDirectory() as folder:
         return run(
             program("python"), "-m", "pytest", *tests.split(), "-q", f"--cov={package}", f"--cov-fail-under={least}",
-            "--cov-report=term-missing:skip-covered", "-p", "no:cacheprovider", told=told, NUMBA_DISABLE_JIT="1",
+            "--cov-report=term-missing:skip-covered", "-p", "no:cacheprovider", output=output, NUMBA_DISABLE_JIT="1",
             COVERAGE_FILE=str(Path(folder) / "coverage"),
         )
 

@@ -27,7 +27,7 @@ from campaign_process import machine
 from recorded_rig import RecordedRig, Truth
 
 from rig.bench.model import Bench
-from rig.campaign.execution.observer import MotionMeasurement, WantedMotion
+from rig.campaign.execution.observer import MotionMeasurement, RequestedMotion
 from rig.campaign.sequencer.event import MeasuredMotion
 from rig.campaign.sequencer.point_preparation import (
     MOST_STEPS,
@@ -94,7 +94,7 @@ class Machine:
             "centre_m": self.gain * program.centre_m + self.offset_m,
         }
         records, truth = self.rig.run_program(ordered)
-        sight = MotionMeasurement(WantedMotion(program.waveform, program.frequency_Hz, self.rate_Hz))
+        sight = MotionMeasurement(RequestedMotion(program.waveform, program.frequency_Hz, self.rate_Hz))
         sight.add(RecordBlock(records))
         seen = sight.motion()
         if seen is None:

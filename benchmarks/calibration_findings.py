@@ -52,7 +52,7 @@ ERRORS: dict[str, tuple[str, dict[str, Any], frozenset[str]]] = {
 
 
 @dataclass(frozen=True)
-class Told:
+class Findings:
     """One campaign: its points after all were judged together, and how each ended."""
 
     points: int
@@ -91,14 +91,14 @@ def matrix(random: np.random.Generator, family: str) -> list[dict[str, Any]]:
     ]
 
 
-def campaign(seed: int, options: RigOptions, family: str, folder: Path) -> Told:
+def campaign(seed: int, options: RigOptions, family: str, folder: Path) -> Findings:
     """Record one campaign and judge it."""
     random = np.random.default_rng((seed, 41))
     speed = float(random.choice(SPEEDS))
     rig = RecordedRig(options, speed=speed, seed=seed, poll_s=1e-3 * poll_ms(rtu=False, speed=speed))
     points: list[RecordedPoint] = [rig.run_point(point, folder)[0] for point in matrix(random, family)]
     together = campaign_verdicts(points)
-    return Told(len(points), tuple(together.get(point.id, point.quality.verdict) for point in points))
+    return Findings(len(points), tuple(together.get(point.id, point.quality.verdict) for point in points))
 
 
 def clean(seed: int) -> RigOptions:
@@ -136,9 +136,9 @@ def main() -> int:
         families = given.family or FAMILIES
         for seed in range(given.first, given.first + given.clean):
             family = families[seed % len(families)]
-            told = campaign(seed, clean(seed), family, Path(folder))
-            verdicts.update(verdict.verdict for verdict in told.verdicts)
-            alarms += [f"seed {seed} ({family}): {each}" for each in told.reasons[:1]]
+            findings = campaign(seed, clean(seed), family, Path(folder))
+            verdicts.update(verdict.verdict for verdict in findings.verdicts)
+            alarms += [f"seed {seed} ({family}): {each}" for each in findings.reasons[:1]]
         print(f"clean: {given.clean} campaigns, {sum(verdicts.values())} points {dict(verdicts)}; "
               f"{len(alarms)} doubted falsely ({time.perf_counter() - began:.0f} s)", flush=True)
         for alarm in alarms:
@@ -146,17 +146,17 @@ def main() -> int:
         good = not alarms
         print("| error | named | points valid without a word | what is said |\n|---|---|---|---|")
         for name in given.error or ERRORS if given.wrong else ():
-            found, silent, points, said = 0, 0, 0, ""
+            found, silent, points, text = 0, 0, 0, ""
             for seed in range(given.wrong):
                 options = with_error(clean(1000 + seed), name)
-                told = campaign(1000 + seed, options, ("mixed", "strong", "triangles")[seed % 3], Path(folder))
-                right = [each for each in told.reasons if each.slug in ERRORS[name][2]]
+                findings = campaign(1000 + seed, options, ("mixed", "strong", "triangles")[seed % 3], Path(folder))
+                right = [each for each in findings.reasons if each.slug in ERRORS[name][2]]
                 found += bool(right)
-                silent += sum(verdict.verdict == "valid" for verdict in told.verdicts)
-                points += told.points
-                said = str(right[0]) if right and not said else said
+                silent += sum(verdict.verdict == "valid" for verdict in findings.verdicts)
+                points += findings.points
+                text = str(right[0]) if right and not text else text
             good = good and found == given.wrong and silent == 0
-            print(f"| {name} | {found} of {given.wrong} | {silent} of {points} | {said} |", flush=True)
+            print(f"| {name} | {found} of {given.wrong} | {silent} of {points} | {text} |", flush=True)
     return 0 if good else 1
 
 

@@ -81,8 +81,10 @@ def measured(mix: str, seconds: float) -> tuple[int, float, float]:
     while not source.counters.other_frames + source.counters.statuses:
         source.read_batch(0.05)
     begin_s, wall_s = time.process_time(), time.monotonic()
-    wanted = int(FRAMES_S * seconds)
-    while source.counters.other_frames + source.counters.statuses < COUNTED * wanted and time.monotonic() < wall_s + 60:
+    expected = int(FRAMES_S * seconds)
+    while (
+        source.counters.other_frames + source.counters.statuses < COUNTED * expected and time.monotonic() < wall_s + 60
+    ):
         source.read_batch(0.05)
     used_s, passed_s = time.process_time() - begin_s, time.monotonic() - wall_s
     frames = source.counters.other_frames + source.counters.statuses

@@ -120,9 +120,9 @@ def measure(slug: str, repeats: int, *, resume: bool) -> list[Outcome]:
     if case is None:
         return []
     outcomes: list[Outcome] = []
-    wanted = 1 if case.row.end == "R" else repeats
-    for seed in range(1, 2 * wanted + 3):
-        if len(outcomes) == wanted:
+    count = 1 if case.row.end == "R" else repeats
+    for seed in range(1, 2 * count + 3):
+        if len(outcomes) == count:
             break
         with tempfile.TemporaryDirectory(prefix="fault-") as name:
             place = Path(name)

@@ -49,14 +49,14 @@ def main() -> int:
     print("| what is wrong | named first | instead | CPU s, mean |\n|---|---|---|---|")
     good = True
     for case in given.only or CASES:
-        wanted = CASES[case][1]
-        count = given.seeds if wanted else given.clean
+        expected = CASES[case][1]
+        count = given.seeds if expected else given.clean
         if not count:
             continue
         outcomes = [first_named(case, seed) for seed in range(given.first, given.first + count)]
         named = Counter(slug for slug, _ in outcomes)
-        hits = named.pop(wanted, 0)
-        good = good and (hits >= HITS * count if wanted else count - hits <= FALSE * count / 300)
+        hits = named.pop(expected, 0)
+        good = good and (hits >= HITS * count if expected else count - hits <= FALSE * count / 300)
         instead = ", ".join(f"{slug or 'nothing'} {times}" for slug, times in named.most_common())
         spent = float(np.mean([seconds for _, seconds in outcomes]))
         print(f"| {case} | {hits} of {count} | {instead} | {spent:.2f} |", flush=True)

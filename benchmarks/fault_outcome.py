@@ -76,7 +76,9 @@ def outcome_of(case: Case, ending: Ending) -> Outcome:
     row, outcome = case.row, Outcome()
     _undisturbed(case, ending)
     code = KILLED if row.slug == "sigkill" else EXIT_CODES[row.end]
-    outcome.expect(ending.exit_code == code, f"exit {ending.exit_code}, expected {code}: {ending.said.strip()[-300:]}")
+    outcome.expect(
+        ending.exit_code == code, f"exit {ending.exit_code}, expected {code}: {ending.output.strip()[-300:]}"
+    )
     fault_ns = _fault_ns(case, ending)
     if row.end == "R":
         _refused(case, ending, outcome)

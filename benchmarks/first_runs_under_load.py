@@ -110,10 +110,10 @@ def run(case: str, busy: int, folder: Path) -> Run:
             rest = threading.Thread(target=process.stderr.read, daemon=True)
             rest.start()
             assert process.stdout is not None
-            said = process.stdout.read()
+            output = process.stdout.read()
             exit_code = process.wait(LONGEST_S)
         took_s, load = 1e-9 * (machine_ns() - began_ns), os.getloadavg()[0]
-    answer: dict[str, Any] = json.loads(said) if said.strip() else {}
+    answer: dict[str, Any] = json.loads(output) if output.strip() else {}
     return Run(case, busy, exit_code, answer.get("valid", 0), answer.get("total", 0), answer.get("stopped_by"), took_s,
                answer.get("motion_s", 0.0), load)  # fmt: skip
 

@@ -60,8 +60,8 @@ def main() -> int:
     Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
     before_MB, started = memory_MB("VmRSS"), time.process_time()
     fit = identify(tests)
-    judged_s, peak_MB = time.process_time() - started, memory_MB("VmHWM")
-    print(f"{given.samples} samples judged: {judged_s:.1f} s of CPU, {peak_MB:.0f} MB at the most, of which "
+    evaluated_s, peak_MB = time.process_time() - started, memory_MB("VmHWM")
+    print(f"{given.samples} samples judged: {evaluated_s:.1f} s of CPU, {peak_MB:.0f} MB at the most, of which "
           f"{before_MB:.0f} MB before; adequate {fit.adequate}")  # fmt: skip
     del tests
     short, started = recordings(250.0, 40_000), time.process_time()
@@ -69,7 +69,7 @@ def main() -> int:
     all_s = time.process_time() - started
     given_up = [each.model for each in best.selection if each.reason]
     print(f"all models on 20 points: {all_s:.1f} s of CPU; {best.model} of {len(best.selection)}; given up: {given_up}")
-    return 0 if max(judged_s, all_s) <= CPU_S and peak_MB <= MEMORY_MB else 1
+    return 0 if max(evaluated_s, all_s) <= CPU_S and peak_MB <= MEMORY_MB else 1
 
 
 if __name__ == "__main__":

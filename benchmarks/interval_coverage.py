@@ -75,7 +75,7 @@ def campaign(
         }
         points.append(rig.run_point(point, folder)[0])
     fit = identify(points, model=parameter_set(name).model, diagnose=False)
-    return _judged(fit, rig.plant.values), fit
+    return _coverage(fit, rig.plant.values), fit
 
 
 def numpy_campaign(seed: int, *, one_frequency: bool) -> tuple[dict[str, tuple[bool, float]], bool | None, bool]:
@@ -85,10 +85,10 @@ def numpy_campaign(seed: int, *, one_frequency: bool) -> tuple[dict[str, tuple[b
     if one_frequency:
         setting = replace(setting, frequencies_Hz=setting.frequencies_Hz[:1])
     fit = identify(record(setting, random), model=setting.model)
-    return _judged(fit, setting.values), fit.adequate, fit.parameters["m"].identifiable
+    return _coverage(fit, setting.values), fit.adequate, fit.parameters["m"].identifiable
 
 
-def _judged(fit: Fit, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:
+def _coverage(fit: Fit, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:
     found = {}
     for name in fit.identifiable:
         each = fit.parameters[name]
@@ -111,7 +111,7 @@ def main() -> int:
     seeds = range(given.first, given.first + given.campaigns)
     covered: dict[str, list[bool]] = defaultdict(list)
     scores: dict[str, list[float]] = defaultdict(list)
-    lacking: dict[str, int] = defaultdict(int)
+    missing: dict[str, int] = defaultdict(int)
     refused = stated = 0
     started = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
@@ -124,7 +124,7 @@ def main() -> int:
                 found, fit = campaign(seed, given.speed, Path(folder), given.set, given.currents)
                 refused += fit.adequate is not True
                 for name in set(fit.parameters) - set(fit.identifiable):
-                    lacking[name] += 1
+                    missing[name] += 1
             for name, (inside, score) in found.items():
                 covered[name].append(inside)
                 scores[name].append(score)
@@ -134,7 +134,7 @@ def main() -> int:
         each_s = (time.process_time() - started) / given.campaigns
         print(f"not adequate: {refused}; m stated: {stated}; {each_s:.2f} s of CPU each")
     else:
-        print(f"not adequate: {refused}; not identified: {dict(lacking)}")
+        print(f"not adequate: {refused}; not identified: {dict(missing)}")
     print("| parameter | covered | root mean square of error / standard error |\n|---|---|---|")
     for name, hits in covered.items():
         print(f"| {name} | {100 * np.mean(hits):.1f} % | {np.sqrt(np.mean(np.square(scores[name]))):.2f} |")

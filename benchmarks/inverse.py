@@ -76,35 +76,35 @@ def current_error(
     t, u, v, a = motion
     noisy = force + np.random.default_rng(seed).normal(0.0, NOISE_N, t.size)
     answer = fit.inverse(noisy, v, u, time_s=t, acceleration_m_s2=a)
-    told = (answer["attainable"] & answer["resolvable"]).to_numpy()
-    error_A = (answer["current_A"].to_numpy() - coil_A)[told]
+    counted = (answer["attainable"] & answer["resolvable"]).to_numpy()
+    error_A = (answer["current_A"].to_numpy() - coil_A)[counted]
     held = (answer["low_A"].to_numpy() <= coil_A) & (coil_A <= answer["high_A"].to_numpy())
     percent = 100.0 / (CURRENTS_A[-1] - CURRENTS_A[0])
     return {
         "current_rms_percent": percent * float(np.sqrt(np.mean(error_A**2))),
-        "in_band_percent": 100.0 * float(np.mean(held[told])), "stated_percent": 100.0 * float(np.mean(told)),
+        "in_band_percent": 100.0 * float(np.mean(held[counted])), "stated_percent": 100.0 * float(np.mean(counted)),
     }  # fmt: skip
 
 
 def tracking_error(
-    fit: Fit, name: str, values: dict[str, float], motion: Arrays, wanted: np.ndarray
+    fit: Fit, name: str, values: dict[str, float], motion: Arrays, target: np.ndarray
 ) -> dict[str, float]:
     """Error of the force that the controller makes (% of the peak), and for how many samples it is stated (%)."""
     t, u, v, a = motion
     damper, stays = model(name), math.exp(-ETA_1_S * 1e-3)
     advance, p, state = advance_of(damper), damper.vector(values), damper.initial_state(float(u[0]))
     controller = fit.controller(1e-3, limits_A=(0.0, 5.0))
-    coil, command, given, told = 0.0, 0.0, [], []
+    coil, command, given, counted = 0.0, 0.0, [], []
     for k in range(t.size):
         coil = stays * coil + (1.0 - stays) * command
         given.append(float(advance(p, state, u[k], v[k], a[k], coil, 1e-3 if k else 0.0)))
-        step = controller.step(float(wanted[k]), float(u[k]), float(v[k]), float(a[k]))
+        step = controller.step(float(target[k]), float(u[k]), float(v[k]), float(a[k]))
         command = step.command_A
-        told.append(step.attainable and step.resolvable and abs(step.wanted_A - step.coil_A) < 0.05)
-    good = np.array(told)
-    error = (np.array(given) - wanted)[good]
+        counted.append(step.attainable and step.resolvable and abs(step.target_A - step.coil_A) < 0.05)
+    good = np.array(counted)
+    error = (np.array(given) - target)[good]
     return {
-        "tracking_rms_percent": 100.0 * float(np.sqrt(np.mean(error**2)) / np.max(np.abs(wanted))),
+        "tracking_rms_percent": 100.0 * float(np.sqrt(np.mean(error**2)) / np.max(np.abs(target))),
         "tracked_percent": 100.0 * float(np.mean(good)),
     }  # fmt: skip
 

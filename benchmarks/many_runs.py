@@ -35,8 +35,8 @@ def make(folder: Path, runs: int, points: int) -> None:
     for k in range(runs):
         place = folder / "runs" / f"20260101T{k:06d}Z"
         (place / "points").mkdir(parents=True)
-        told = {"specimen": f"MR-{k % 50:03d}", "started_utc": f"20{10 + k % 20}-01-01T00:00:00+00:00"}
-        (place / "campaign.json").write_text(json.dumps(told))
+        entry = {"specimen": f"MR-{k % 50:03d}", "started_utc": f"20{10 + k % 20}-01-01T00:00:00+00:00"}
+        (place / "campaign.json").write_text(json.dumps(entry))
         fit = {"model": "bilinear", "parameters": {}, "error": {"nrmse_percent_of_peak": 2.0}}
         (place / "fit.json").write_text(json.dumps(fit))
         for number in range(points):
@@ -45,9 +45,10 @@ def make(folder: Path, runs: int, points: int) -> None:
 
 def summary(place: Path) -> dict[str, object]:
     """What `rig runs` says of such a run."""
-    told = json.loads((place / "campaign.json").read_text())
+    entry = json.loads((place / "campaign.json").read_text())
     return {
-        "id": place.name, "path": "", "specimen": told["specimen"], "started": told["started_utc"], "verdict": "valid",
+        "id": place.name, "path": "", "specimen": entry["specimen"], "started": entry["started_utc"],
+        "verdict": "valid",
         "model": "bilinear", "points": 5, "valid": 5, "unfinished": 0, "apart": 0, "nrmse_percent_of_peak": 2.0,
         "remark": "",
     }  # fmt: skip

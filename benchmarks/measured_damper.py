@@ -38,22 +38,22 @@ def main() -> None:
     shown = ["asymmetric", "thinning_bouc_wen", "lost_motion", "sprung_bouc_wen"]
     parser.add_argument("models", nargs="*", default=shown)
     parser.add_argument("--weight")
-    wanted = parser.parse_args()
+    arguments = parser.parse_args()
     tests = measured(Path(os.environ["RIG_MEASURED_DATA"]))
     motions = sorted({(round(each.amplitude_m, 4), round(each.frequency_Hz, 2)) for each in tests})
-    for name in wanted.models:
+    for name in arguments.models:
         began, unseen = time.process_time(), []
         print(name)
         for motion in motions:
             out = [each for each in tests if (round(each.amplitude_m, 4), round(each.frequency_Hz, 2)) == motion]
             kept = [each for each in tests if not any(each is other for other in out)]
-            fit = identify(kept, model=name, holdout=out, method=Method(weight=wanted.weight))
+            fit = identify(kept, model=name, holdout=out, method=Method(weight=arguments.weight))
             assert fit.holdout is not None
             errors = [each.nrmse_percent_of_peak for each in fit.holdout.per_test]
             unseen += errors
             shown = " ".join(f"{error:5.1f}" for error in errors)
             print(f"  {1e3 * motion[0]:4.1f} mm {motion[1]:4.2f} Hz: {shown}   mean {np.mean(errors):.2f}")
-        fit = identify(tests, model=name, method=Method(weight=wanted.weight))
+        fit = identify(tests, model=name, method=Method(weight=arguments.weight))
         cpu_s = time.process_time() - began
         print(f"  unseen {np.mean(unseen):.2f}, fitted {fit.error.nrmse_percent_of_peak:.2f}, {cpu_s:.1f} s of CPU")
 

@@ -276,13 +276,13 @@ def outcome_of(seed: int, folder: Path) -> Outcome:
         _tried(outcome, "compare", lambda: compare([run, run]).to_json())
         for kind in EXPORTS:
             _tried(outcome, f"export {kind}", lambda kind=kind: export(run, kind, folder / "out"))
-    _judge_standard_tests(outcome, run, record)
+    _check_standard_tests(outcome, run, record)
     if fit is not None and not fit.warnings:
         for name in ("Ca_plus", "Ca_minus"):
             each = fit.parameters[name]
             if each.identifiable and each.value is not None:
                 outcome.fitted += 1
-                _judge(outcome, f"fitted {name}", each.value, each.standard_error, record.damper.c)
+                _check(outcome, f"fitted {name}", each.value, each.standard_error, record.damper.c)
     return outcome
 
 
@@ -298,15 +298,15 @@ def _tried(outcome: Outcome, what: str, step: Callable[[], T]) -> T | None:
     return None
 
 
-def _judge_standard_tests(outcome: Outcome, run: Path, record: Record) -> None:
+def _check_standard_tests(outcome: Outcome, run: Path, record: Record) -> None:
     """Compare the equivalent damping of each valid test without a remark with the truth."""
     file = run / "characteristics.json"
     if not file.is_file():
         return
-    said = json.loads(file.read_text(encoding="utf-8"))
-    remarked = [line.partition(":")[0] for line in (*said["left_out"], *said["remarks"])]
+    entry = json.loads(file.read_text(encoding="utf-8"))
+    remarked = [line.partition(":")[0] for line in (*entry["left_out"], *entry["remarks"])]
     points = {point.id: point for point in Run.open(run).points}
-    for loop in said["loops"]:
+    for loop in entry["loops"]:
         point = points[loop["id"]]
         damping, motion = loop["equivalent_damping_N_s_m"], point.quality.motion
         if point.verdict != "valid" or point.id in remarked or damping["value"] is None:
@@ -317,10 +317,10 @@ def _judge_standard_tests(outcome: Outcome, run: Path, record: Record) -> None:
             abs(math.log(true / found)) for true, found in zip(one, measured, strict=True)
         ))
         true = record.damper.equivalent(*(measured if "sweep" in record.traits else nearest))
-        _judge(outcome, f"{point.id} standard test", damping["value"], damping["std"], true)
+        _check(outcome, f"{point.id} standard test", damping["value"], damping["std"], true)
 
 
-def _judge(outcome: Outcome, what: str, value: float, std: float | None, true: float) -> None:
+def _check(outcome: Outcome, what: str, value: float, std: float | None, true: float) -> None:
     left = abs(value - true)
     if left > SHARE * abs(true) and left > ERRORS * (std or 0.0):
         outcome.wrong.append(f"{what}: {value:.4g} +- {std or 0.0:.2g}, true {true:.4g} ({100 * left / true:.1f} %)")

@@ -124,7 +124,7 @@ def cost(folder: Path, seconds: float, viewers: int, browser: bool) -> dict[str,
         link = LiveLink()
         ends.callback(link.close)
         log = CampaignLog(run)
-        ends.enter_context(link.told_of(log))
+        ends.enter_context(link.following(log))
         link.display.phase("running")
         feed = Feed(ring, link)
         ends.callback(feed.close)

@@ -155,7 +155,7 @@ def table(found: dict[str, Any]) -> str:
         lines.append(f"{'':14}each turn: " + ", ".join(f"{each:g}" for each in row["each_percent"]) + " %")
     early = [f"{name} ({row['stopped_by']})" for name, row in found["rows"].items() if row["stopped_by"]]
     rights = min(row["real_time_percent"] for row in found["rows"].values())
-    said = "within" if found["within"] else "NOT within"
-    ended = f"no answer, ended early: {', '.join(early)}" if early else f"{said} {GOAL_POINTS:g} points"
+    text = "within" if found["within"] else "NOT within"
+    ended = f"no answer, ended early: {', '.join(early)}" if early else f"{text} {GOAL_POINTS:g} points"
     lines.append(f"{ended}; real-time priority at least {rights} % of the time; load {os.getloadavg()[0]:.1f}")
     return "\n".join(lines)

@@ -35,7 +35,7 @@ def timed(make: Callable[[], T]) -> tuple[T, float]:
     return made, time.process_time() - before
 
 
-def told(folder: Path) -> None:
+def run_report(folder: Path) -> None:
     (page, document), page_s = timed(lambda: written_report(folder))
     paper, paper_s = timed(lambda: pdf(document))
     pages = len(re.findall(rb"/Type\s*/Page\b", paper))
@@ -49,11 +49,11 @@ def main() -> None:
     parser.add_argument("run", nargs="?", type=Path)
     given = parser.parse_args().run
     if given is not None:
-        told(given)
+        run_report(given)
         return
     with tempfile.TemporaryDirectory() as folder:
         answer = run(TABLE_1, Path(folder), speed=50.0)
-        told(Path(answer.json["campaign"]))
+        run_report(Path(answer.json["campaign"]))
 
 
 if __name__ == "__main__":

@@ -92,21 +92,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--road", default="paper-sweep")
     parser.add_argument("--only", choices=("paper", "simulated", "measured"))
-    wanted = parser.parse_args()
-    if wanted.only in {None, "paper"}:
+    arguments = parser.parse_args()
+    if arguments.only in {None, "paper"}:
         published = [fitted_damper(f"cfoa-table5-fit{count}", 0) for count in (1, 2, 3)]
-        drive("the paper's fits", published, (0.0, 0.5, 1.0), wanted.road)
-    if wanted.only in {None, "simulated"}:
+        drive("the paper's fits", published, (0.0, 0.5, 1.0), arguments.road)
+    if arguments.only in {None, "simulated"}:
         print("simulated damper")
         tests = table1("demo", 5.0, 1)
         truth = FittedDamper("truth", fitted_damper("demo", 0).damper)
         fits = [truth, separable(tests), *(searched(tests, method) for method in METHODS)]
-        drive("simulated damper", fits, (0.0, 1.0), wanted.road)
-    if wanted.only in {None, "measured"} and "RIG_MEASURED_DATA" in os.environ:
+        drive("simulated damper", fits, (0.0, 1.0), arguments.road)
+    if arguments.only in {None, "measured"} and "RIG_MEASURED_DATA" in os.environ:
         print("measured damper")
         tests = measured(Path(os.environ["RIG_MEASURED_DATA"]))
         fits = [separable(tests), *(searched(tests, method) for method in METHODS)]
-        drive("measured damper", fits, (0.0, 1.0), wanted.road)
+        drive("measured damper", fits, (0.0, 1.0), arguments.road)
 
 
 if __name__ == "__main__":

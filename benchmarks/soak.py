@@ -66,7 +66,7 @@ class Usage:
 class Session:
     """One session: how it was to end, how it ended, what its processes used, and what was done."""
 
-    wanted: str
+    order: str
     exit_code: int = 0
     stopped_by: str | None = None
     wall_s: float = 0.0
@@ -139,20 +139,20 @@ def look(root: int, used: dict[str, Usage]) -> dict[str, int]:
     return found
 
 
-def run_session(command: list[str], wanted: str, end_after_s: float) -> Session:
+def run_session(command: list[str], disturbance: str, end_after_s: float) -> Session:
     """Run one session to its end; `end_after_s` wall seconds after the station is up kill what is to be, or stop it."""
-    session, pause = Session(wanted), threading.Event()
+    session, pause = Session(disturbance), threading.Event()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     began_ns, up_ns = monotonic_ns(), 0
     while process.poll() is None:
         roles = look(process.pid, session.used)
         now_ns = monotonic_ns()
         up_ns = up_ns or (now_ns if "station" in roles else 0)
-        killed = wanted.startswith("kill ")
-        victim = roles.get(wanted.removeprefix("kill ")) if killed else process.pid
-        if wanted and victim is not None and up_ns and now_ns - up_ns > end_after_s * 1e9:
+        killed = disturbance.startswith("kill ")
+        victim = roles.get(disturbance.removeprefix("kill ")) if killed else process.pid
+        if disturbance and victim is not None and up_ns and now_ns - up_ns > end_after_s * 1e9:
             os.kill(victim, signal.SIGKILL if killed else signal.SIGINT)
-            wanted = ""
+            disturbance = ""
         if now_ns - began_ns > SESSION_S * 1e9:
             process.kill()
         pause.wait(LOOK_S)
@@ -180,8 +180,8 @@ class Finished:
 
         now = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in points.glob("*.h5")}
         changed = {name for name, digest in self.known.items() if now.get(name) != digest}
-        told = {f"{line['file']}.h5" for line in read_log(points.parent) if line["event"] == "retimed"}
-        self.retimed |= changed & told & now.keys()
+        retimed = {f"{line['file']}.h5" for line in read_log(points.parent) if line["event"] == "retimed"}
+        self.retimed |= changed & retimed & now.keys()
         self.lost |= changed - self.retimed
         new = [name for name in now if name not in self.known]
         self.known |= {name: now[name] for name in new if RecordedPoint.open(points / name).verdict != "invalid"}
@@ -211,22 +211,22 @@ def soak(place: Path, points: int, speed: float, seed: int, within_s: float) -> 
     (place / "matrix.toml").write_text(matrix(points), encoding="utf-8")
     while monotonic_ns() < until_ns and (not sessions or sessions[-1].exit_code not in COMPLETE):
         kills = chance.random() < KILL_SHARE
-        wanted = f"kill {chance.choice(KILLED)}" if kills else f"faults {chance.randrange(1 << 30)}"
+        disturbance = f"kill {chance.choice(KILLED)}" if kills else f"faults {chance.randrange(1 << 30)}"
         command = [sys.executable, __file__, "--session", str(place), "--speed", str(speed)]
         if not kills:
-            command += ["--fault-seed", wanted.split()[1], "--fault-within", str(FAULT_WITHIN_S)]
-        sessions.append(run_session(command, wanted, chance.uniform(0.0, KILL_WITHIN_S if kills else LONGEST_S)))
+            command += ["--fault-seed", disturbance.split()[1], "--fault-within", str(FAULT_WITHIN_S)]
+        sessions.append(run_session(command, disturbance, chance.uniform(0.0, KILL_WITHIN_S if kills else LONGEST_S)))
         for folder in (place / "out").glob("*/points"):
             finished.check(folder)
-        tell(sessions, finished)
+        report(sessions, finished)
     return sessions, finished
 
 
-def tell(sessions: list[Session], finished: Finished) -> None:
+def report(sessions: list[Session], finished: Finished) -> None:
     """One line about the last session."""
     last = sessions[-1]
     sys.stderr.write(
-        f"{len(sessions):4} {last.wanted:22} exit {last.exit_code:3} {last.stopped_by or '':18} {last.wall_s:6.1f} s "
+        f"{len(sessions):4} {last.order:22} exit {last.exit_code:3} {last.stopped_by or '':18} {last.wall_s:6.1f} s "
         f"{len(finished.known):5} finished, {len(finished.lost)} lost\n"
     )
     sys.stderr.flush()
@@ -239,7 +239,7 @@ def summary(sessions: list[Session], finished: Finished, wall_s: float) -> dict[
         "complete": sessions[-1].exit_code in COMPLETE, "lost_finished_points": len(finished.lost),
         "written_again_for_their_skew": len(finished.retimed),
         "exit_codes": dict(Counter(str(session.exit_code) for session in sessions)),
-        "causes": dict(Counter(session.stopped_by or session.wanted.split(" ", 1)[0] for session in sessions)),
+        "causes": dict(Counter(session.stopped_by or session.order.split(" ", 1)[0] for session in sessions)),
         "used": table(sessions),
     }  # fmt: skip
 

@@ -235,7 +235,7 @@ class Lvdt:
 
     def left_place(self, now_ns: int) -> bool:
         """The rod is away from where its standstill was proved."""
-        self._place.judge(self.position_m(now_ns))
+        self._place.check(self.position_m(now_ns))
         return self._place.left
 
     def still_s(self, now_ns: int) -> float:
@@ -445,12 +445,12 @@ class Virtual:
         self._watch_setpoints()
         self.events: list[dict[str, object]] = []
         self.supervisor = Supervisor(self.config, self.events.append, lambda _: None, lambda _: None, lambda: 0.0)
-        judge = ActuatorInterlock(
+        interlock = ActuatorInterlock(
             1, self.driver.capabilities, frozen_after_ns=int(actuator.stale_after_s * 1e9),
             disagreement_m=self.config.disagreement_m, lag_s=actuator.poll_s + self.config.lvdt.stale_after_s,
         )
         lvdt: Any = Lvdt(self.machine)
-        self.thread = ActuatorThread(actuator, self.driver, judge, lvdt, self.supervisor, lambda _: None)
+        self.thread = ActuatorThread(actuator, self.driver, interlock, lvdt, self.supervisor, lambda _: None)
         self.supervisor.attach(Coil(), self.thread, lvdt, ())
         self.steps = self.thread._stream.steps  # noqa: SLF001 - the loop below is the thread's own
         self.planned_m_s = MOTIONS[case.motion].fastest_m_s
@@ -528,7 +528,7 @@ class Virtual:
         order, period_s = motion.order, 1.0 / motion.frequency_Hz
         if isinstance(order, Program):
             self.supervisor.movement = Movement(period_s, period_s)
-            self.thread.judge.expect_program(order.all_cycles * period_s, order.all_cycles)
+            self.thread.interlock.expect_program(order.all_cycles * period_s, order.all_cycles)
             self.driver.send(Command.START, order)
         elif isinstance(order, Move):
             self.driver.send(Command.MOVE_TO, order)
@@ -538,7 +538,7 @@ class Virtual:
                 self.planned_m_s = computed.fastest_m_s
             limits = self.config.limits
             self.supervisor.movement = Movement(limits.speed_m_s / self.config.actuator.halt_deceleration_m_s2 + 0.1)
-            self.thread.judge.expect_program(MOTION_S + 1.0, 1.0)
+            self.thread.interlock.expect_program(MOTION_S + 1.0, 1.0)
             self.driver.compute(computed)
         self.begin_s = self.now_s()
 
@@ -599,7 +599,7 @@ class Virtual:
         gained = np.diff(later[::stride, 2]) / 1e-3
         farthest = later[np.argmax(np.abs(later[:, 1])), 1]
         limits = self.config.limits
-        trip, status = self.supervisor.trip, self.thread.judge.status
+        trip, status = self.supervisor.trip, self.thread.interlock.status
         return Outcome(
             float(np.max(np.abs(later[:, 2]))), float(np.max(np.abs(gained))), float(farthest),
             "" if trip is None else trip.slug, stop is not None and stop.step is StopPhase.SAFE,

@@ -29,9 +29,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--members", type=int, default=1000)
     parser.add_argument("--seconds", type=float, default=20.0)
-    wanted = parser.parse_args()
+    arguments = parser.parse_args()
     own = structure(load_car("compact-suv"))
-    steps = round(wanted.seconds / 1e-3) + 1
+    steps = round(arguments.seconds / 1e-3) + 1
     _, height, rate = (array[:steps] for array in load_road("iso8608-c").under(own.car, 1e-3))
     for name in SETS:
         values = dampers.parameter_set(name)
@@ -41,8 +41,10 @@ def main() -> None:
         cpu, wall = time.process_time(), time.monotonic()
         car.drive(height, rate, 1e-3)
         cpu, wall = time.process_time() - cpu, time.monotonic() - wall
-        print(f"{name}: {wanted.seconds / cpu:.0f} x real time by CPU, {wanted.seconds / wall:.0f} x by the clock")
-    ensemble(own, (height, rate), wanted.members, wanted.seconds)
+        print(
+            f"{name}: {arguments.seconds / cpu:.0f} x real time by CPU, {arguments.seconds / wall:.0f} x by the clock"
+        )
+    ensemble(own, (height, rate), arguments.members, arguments.seconds)
 
 
 def ensemble(own: Structure, road: tuple[np.ndarray, np.ndarray], members: int, seconds: float) -> None:

@@ -149,7 +149,7 @@ def lag_coverage(results: list[Result]) -> str:
     if not known:
         return "-"
     true_s = [each.setting.delay_s for each in known]
-    inside = [abs(each.lag_s - wanted) < CONFIDENT * each.lag_std_s for each, wanted in zip(known, true_s, strict=True)]
+    inside = [abs(each.lag_s - true) < CONFIDENT * each.lag_std_s for each, true in zip(known, true_s, strict=True)]
     return f"{100 * np.mean(inside):.1f} % of {len(known)}"
 
 
@@ -167,13 +167,13 @@ def main() -> int:
         "stated sd ms, median", "95 % interval covers", "95 % interval of the lag covers",
     )
     print("| " + " | ".join(head) + " |\n|" + len(head) * "---|")
-    for wanted_s in sorted({each.setting.delay_s for each in results}):
+    for query_s in sorted({each.setting.delay_s for each in results}):
         for declares in (True, False):
             chosen = [
                 each for each in results
-                if each.setting.delay_s == wanted_s and each.setting.declares_input == declares
+                if each.setting.delay_s == query_s and each.setting.declares_input == declares
             ]
-            name = f"{1e3 * wanted_s:g} ms, input delay {'declared' if declares else 'not declared'}"
+            name = f"{1e3 * query_s:g} ms, input delay {'declared' if declares else 'not declared'}"
             if chosen:
                 print(row(name, chosen))
     print(row("all", results))

@@ -41,13 +41,13 @@ def started(out: Path) -> tuple[subprocess.Popen[str], str]:
         "--speed", SPEED, "--page", "--json", "--out", str(out),
     ]  # fmt: skip
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    said: list[str] = []
+    lines: list[str] = []
     for line in process.stderr or ():
-        said.append(line)
+        lines.append(line)
         if line.startswith("page: "):
             threading.Thread(target=lambda: list(process.stderr or ()), daemon=True).start()
             return process, line.removeprefix("page: ").strip()
-    raise RuntimeError("".join(said))
+    raise RuntimeError("".join(lines))
 
 
 def take_page(browser: Browser, url: str, out: Path) -> None:

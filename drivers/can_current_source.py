@@ -97,7 +97,7 @@ class CanCurrentSource:
         self._send_lock = threading.Lock()
         self._count = 0
         self._own = frozenset(frame.identifier | (EXTENDED if frame.extended else 0) for frame in description.sent)
-        self._wanted = (0.0, False, False)
+        self._requested = (0.0, False, False)
         self._sent: deque[Record] = deque(maxlen=_COMMANDS_KEPT)
         self._left = REPEATS
         self._ending = threading.Event()
@@ -122,7 +122,7 @@ class CanCurrentSource:
         described = self._description
         return SourceTraits(
             own_timeout_s=described.command_timeout_s, lowest_A=described.low_A,
-            tells_bad_commands=bool(described.told_faults & SourceFault.COMMAND_CHECK),
+            tells_bad_commands=bool(described.reported_faults & SourceFault.COMMAND_CHECK),
         )
 
     @property
@@ -159,7 +159,7 @@ class CanCurrentSource:
     @property
     def commanded_A(self) -> float:
         """Set-point of the command frames, A; 0 while they ask for the output stage to be off."""
-        current_A, enable, _ = self._wanted
+        current_A, enable, _ = self._requested
         return current_A if enable else 0.0
 
     @property
@@ -236,11 +236,11 @@ class CanCurrentSource:
         Raises:
             LocalProtocolError: the set-point does not fit the frame; the old one stays.
         """
-        wanted = (current_A, enable, clear_faults)
-        self._frames(*wanted)
-        if wanted != self._wanted:
+        requested = (current_A, enable, clear_faults)
+        self._frames(*requested)
+        if requested != self._requested:
             self._left = REPEATS
-        self._wanted = wanted
+        self._requested = requested
 
     def send_now(self) -> None:
         """Send the command frames at once, beside the cycle.
@@ -250,7 +250,7 @@ class CanCurrentSource:
             LinkLost: the interface does not take a frame.
         """
         with self._send_lock:
-            current_A, enable, clear_faults = self._wanted
+            current_A, enable, clear_faults = self._requested
             frames = self._frames(current_A, enable, clear_faults)
             for frame, data in zip(self._description.sent, frames, strict=True):
                 frame.protection.seal(data, self._count)
@@ -371,8 +371,8 @@ class CanCurrentSource:
         batch.statuses.append(status)
         flags = Quality.GAP_BEFORE if step > 1 else Quality.GOOD
         self._record(batch, Channel.COIL_CURRENT, status.current_A, flags)
-        told = (status.state, status.faults)
-        if told != self._reported and any(role == STATE or role.startswith(FAULTS) for role in roles):
+        reported = (status.state, status.faults)
+        if reported != self._reported and any(role == STATE or role.startswith(FAULTS) for role in roles):
             self._report(batch, status)
 
     def _take_temperature(self, values: dict[str, float], batch: SourceBatch) -> None:
@@ -397,8 +397,8 @@ class CanCurrentSource:
 
     def _take_identity(self) -> None:
         """An identity, once everything that makes one has come."""
-        wanted = [role for role in (SERIAL, FIRMWARE, LAYOUT) if role in self._roles]
-        if all(role in self._values for role in wanted):
+        roles = [role for role in (SERIAL, FIRMWARE, LAYOUT) if role in self._roles]
+        if all(role in self._values for role in roles):
             self.identity = SourceIdentity(*(int(self._values.get(role, 0)) for role in (SERIAL, FIRMWARE, LAYOUT)))
 
     def _report(self, batch: SourceBatch, status: SourceStatus) -> None:

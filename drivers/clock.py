@@ -216,10 +216,10 @@ def follow(path: str, role: Role | None, addresses: Collection[str] | None = Non
     global _shared
     clock = SharedClock(Path(path), role) if path else None
     if clock is not None and addresses is not None:
-        foreign = sorted(set(addresses) - clock.addresses)
-        if foreign:
+        unknown = sorted(set(addresses) - clock.addresses)
+        if unknown:
             raise ClockRefused(
-                f"clock.shared: {foreign[0]} is not a device of the simulated rig that owns {path}; time limits of "
+                f"clock.shared: {unknown[0]} is not a device of the simulated rig that owns {path}; time limits of "
                 "other devices are checked with this computer's clock. Fix: remove shared from [clock]"
             )
     if _shared is not None:

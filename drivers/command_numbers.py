@@ -30,7 +30,7 @@ class CommandNumbers:
         self._sequence, self._command, self._written = sequence, command, carrier is not None
         self._shown = self._seen if carrier is None else (sequence, int(carrier))
 
-    def as_asked(self, status: ActuatorStatus) -> ActuatorStatus:
+    def as_requested(self, status: ActuatorStatus) -> ActuatorStatus:
         """The status with the command that was asked for, where the device shows the one that carried it out."""
         seen = status.acked_sequence, status.acked_command
         if self._sequence is None or seen != self._shown:

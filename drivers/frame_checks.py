@@ -134,8 +134,8 @@ class FrameChecks:
             key, protection = next(
                 (key, item.protection) for key, item in self._description.heard.items() if item.name == name
             )
-            said = f"every frame of {name} has a wrong checksum ({protection.profile}"
-            said += f", data ID 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
+            message = f"every frame of {name} has a wrong checksum ({protection.profile}"
+            message += f", data ID 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
             if set(differences) == {0}:
                 return "ecu-crc", f"every frame of {name} has a counter outside its range ({protection.profile})"
             slug = "ecu-crc"
@@ -143,12 +143,12 @@ class FrameChecks:
                 wrong = f"the same bits are wrong every time (0x{differences[-1]:02X}), so the E2E data ID differs"
                 slug = "e2e-data-id"
                 fitting = self._fitting(key & ~EXTENDED, protection, tuple(self._bad[name]))
-                return slug, f"{said}; {wrong}{fitting}. Fix: write the correct data_id under [protection.{name}]"
+                return slug, f"{message}; {wrong}{fitting}. Fix: write the correct data_id under [protection.{name}]"
             fix = (
                 f"check the profile, the E2E data ID and the signals under [protection.{name}], and that the DBC file "
                 "belongs to this ECU"
             )
-            return slug, f"{said}; different bits are wrong every time. Fix: {fix}"
+            return slug, f"{message}; different bits are wrong every time. Fix: {fix}"
         return "", ""
 
     def _fitting(self, identifier: int, protection: Protection, frames: tuple[bytes, ...]) -> str:

@@ -11,11 +11,11 @@ import threading
 from drivers import clock
 from drivers.current_source import CurrentSource, SourceBatch, SourceTiming, SourceTraits
 from drivers.origins import ChannelOrigin, Origins
-from drivers.polled_source import ToldSource
+from drivers.polled_source import UnmeasuredSource
 from drivers.ring import Channel
 
 PERIOD_S = 0.010
-_LACKING = (
+_MISSING = (
     ("measurement", "the coil current is not measured: the recorded current is the value that the operator "
         "confirmed; a different current (due to a setting error, heating or a broken coil) is not detected, and "
         "overcurrent, "
@@ -27,14 +27,14 @@ _LACKING = (
 )  # fmt: skip
 
 
-class ManualCurrentSource(ToldSource):
+class ManualCurrentSource(UnmeasuredSource):
     """What a person says of the coil's current; a `drivers.current_source.CurrentSource`.
 
     Args:
         rehearsed: on a simulated rig, the supply whose knob is turned in the person's place; it tells nothing.
     """
 
-    told_every = 100
+    report_every = 100
 
     def __init__(self, rehearsed: CurrentSource | None = None) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class ManualCurrentSource(ToldSource):
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
         """What is not there where a person sets the current, and what is left without it."""
-        return _LACKING
+        return _MISSING
 
     @property
     def identity_problem(self) -> str:
@@ -101,7 +101,7 @@ class ManualCurrentSource(ToldSource):
         """Take the confirmed current (A); a stop (`enable` False) changes nothing: the knob has not been turned."""
         if not enable:
             return
-        self._wanted = current_A, True
+        self._requested = current_A, True
         if self._rehearsed is not None:
             self._rehearsed.command(current_A, enable=current_A != 0.0, clear_faults=clear_faults)
 
@@ -130,7 +130,7 @@ class ManualCurrentSource(ToldSource):
         now_ns = clock.monotonic_ns()
         self._polls += 1
         self.counters.statuses += 1
-        status, told = self._tell(self.commanded_A, now_ns)
-        batch = SourceBatch(told, [status], [], 0, 0, now_ns)
+        status, records = self._report(self.commanded_A, now_ns)
+        batch = SourceBatch(records, [status], [], 0, 0, now_ns)
         self._hand_over(batch)
         return batch

@@ -216,9 +216,9 @@ class ModbusActuator:
                 self._access.write(request)
         self._written = limits
         held = self.read_limits()
-        for name, wanted, got in zip(asdict(limits), astuple(limits), astuple(held), strict=True):
-            if got != wanted:
-                raise WrongAnswer("actuator", self.url, f"{name}: wrote {wanted:g}, read back {got:g}")
+        for name, value, got in zip(asdict(limits), astuple(limits), astuple(held), strict=True):
+            if got != value:
+                raise WrongAnswer("actuator", self.url, f"{name}: wrote {value:g}, read back {got:g}")
 
     def write_table(self, values_m: list[float]) -> None:
         """Load the samples of a table waveform, about the centre.

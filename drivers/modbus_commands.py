@@ -123,7 +123,7 @@ class ModbusCommands:
         """The status with the command that was requested, and low pressure where the host shows it."""
         if self._low and status.hydraulics_off:
             status = self._map.with_low_pressure(status)
-        return self._numbers.as_asked(status) if self._numbered else status
+        return self._numbers.as_requested(status) if self._numbered else status
 
     def _recipe(self, command: Command) -> Recipe:
         """The steps of a command; none where the host makes its motion, or low pressure needs no command.

@@ -64,7 +64,7 @@ class ModbusOutput(PolledSource):
         self._lost: DriverError | None = None
         self._heard: deque[SourceStatus] = deque(maxlen=_HEARD_KEPT)
         self._prepared = self._refused = False
-        self._bad_told = self._odd = self._fed = 0
+        self._bad_reported = self._odd = self._fed = 0
         self._who = self._problem = ""
 
     @property
@@ -155,8 +155,8 @@ class ModbusOutput(PolledSource):
             PortClosed: the connection is gone, and there is none to be had.
             RequestRefused: the module has no such registers.
         """
-        batch = SourceBatch([], [], [], 0, self.counters.bad_checks - self._bad_told, 0)
-        self._bad_told += batch.bad
+        batch = SourceBatch([], [], [], 0, self.counters.bad_checks - self._bad_reported, 0)
+        self._bad_reported += batch.bad
         clock.back_within(timeout_s)
         with self._progress:
             self._progress.wait_for(lambda: self._heard or self._lost is not None, timeout_s)
@@ -221,17 +221,17 @@ class ModbusOutput(PolledSource):
         watchdog, self._refused = self._output.watchdog, False
         if not self._prepared:
             self._prepared = self._write((*self._output.prepare, *(() if watchdog is None else watchdog.start)))
-        wanted_A = self.commanded_A
+        target_A = self.commanded_A
         current, enable = self._output.current, self._output.quantities.get(ENABLE)
-        zero = wanted_A == 0.0 and not self._described.drives_zero
-        done = zero or self._write((Write({current: wanted_A}),))
+        zero = target_A == 0.0 and not self._described.drives_zero
+        done = zero or self._write((Write({current: target_A}),))
         if enable is not None:
             # Tried whatever became of the set-point: either takes the current away.
-            done &= self._write((Write({enable: int(wanted_A != 0.0)}),))
+            done &= self._write((Write({enable: int(target_A != 0.0)}),))
         if done and self._refused:
             return  # It still holds what it took before; the refusal is a fault, asking again would change nothing.
         if done:
-            self._held_A = None if zero else float(current.decode(current.encode(wanted_A)))
+            self._held_A = None if zero else float(current.decode(current.encode(target_A)))
         else:
             self._woken.set()
 
@@ -283,16 +283,16 @@ class ModbusOutput(PolledSource):
     def _know(self, values: Values) -> None:
         """It has said who it is."""
         shown = {name: str(values.get(name, "")) for name in IDENTITY}
-        said = ", ".join(text for text in shown.values() if text)
-        self._who = said or self._described.name
+        shown_text = ", ".join(text for text in shown.values() if text)
+        self._who = shown_text or self._described.name
         quantities, text = self._output.quantities, self._connection.identity
         wrong = [
-            f"{name} is {values[name]!r:.60}, expected {wanted!r:.60}"
-            for name, wanted in self._output.expected.items()
-            if not same(values[name], wanted, quantities[name].step)
+            f"{name} is {values[name]!r:.60}, expected {value!r:.60}"
+            for name, value in self._output.expected.items()
+            if not same(values[name], value, quantities[name].step)
         ]
-        if text not in said:
-            wrong.append(f"identification: got {said!r:.100}, expected text that contains {text!r}")
+        if text not in shown_text:
+            wrong.append(f"identification: got {shown_text!r:.100}, expected text that contains {text!r}")
         self._problem = "; ".join(wrong)
         self.identity = SourceIdentity(shown["serial_number"], shown["firmware"], 0)
 
@@ -311,17 +311,17 @@ class ModbusOutput(PolledSource):
         if ENABLE in values and MEASURED not in values and not values[ENABLE]:
             current_A = 0.0
         self._faults |= self._output.faults.meaning(values) & sum(SourceFault)
-        self._judge_held(shown_A, values)
-        self._judge_open(current_A, arrival_ns)
-        status, told = self._tell(current_A, arrival_ns)
+        self._check_held(shown_A, values)
+        self._check_open(current_A, arrival_ns)
+        status, records = self._report(current_A, arrival_ns)
         with self._progress:
-            self._records.extend(told)
+            self._records.extend(records)
             # What was shown before a set-point that waits to be written proves nothing of it.
             if not self._woken.is_set():
                 self._heard.append(status)
                 self._progress.notify_all()
 
-    def _judge_held(self, shown_A: float, values: Values) -> None:
+    def _check_held(self, shown_A: float, values: Values) -> None:
         """A module that does not hold what it took: it restarted, its time-out expired, or another master writes."""
         if self._held_A is None or self._woken.is_set():
             return
@@ -331,9 +331,9 @@ class ModbusOutput(PolledSource):
         if self._odd >= IN_A_ROW:
             self._faults |= SourceFault.RESTARTED
 
-    def _judge_open(self, current_A: float, now_ns: int) -> None:
-        wanted_A = abs(self.commanded_A)
-        none = self._output.measures and self._settled(now_ns) and abs(current_A) < OPEN_SHARE * wanted_A
+    def _check_open(self, current_A: float, now_ns: int) -> None:
+        target_A = abs(self.commanded_A)
+        none = self._output.measures and self._settled(now_ns) and abs(current_A) < OPEN_SHARE * target_A
         self._open = self._open + 1 if none else 0
         if self._open >= IN_A_ROW:
             self._faults |= SourceFault.OPEN

@@ -129,10 +129,10 @@ def simulated_as(group: str, name: str) -> str | Mapping[str, Any] | None:
         BrokenPlugIn: it cannot be used.
     """
     plug_in = plug_in_of(group, name)
-    said = None if plug_in is None else getattr(load(plug_in), "simulated_as", None)
-    if plug_in is not None and not (said is None or isinstance(said, (str, Mapping))):
-        raise plug_in.broken(f"simulated_as: got {said!r}, expected a name or a line description")
-    return said
+    simulated = None if plug_in is None else getattr(load(plug_in), "simulated_as", None)
+    if plug_in is not None and not (simulated is None or isinstance(simulated, (str, Mapping))):
+        raise plug_in.broken(f"simulated_as: got {simulated!r}, expected a name or a line description")
+    return simulated
 
 
 def maker_of(group: str, name: str) -> Callable[..., Any] | None:
@@ -173,10 +173,10 @@ def made(group: str, name: str, role: type, *given: object, **further: object) -
         raise
     except Exception as error:  # whatever foreign code raises is told as its own failure
         raise plug_in.broken(f"the plug-in cannot create a driver: {type(error).__name__}: {error}") from error
-    lacking = [member for member in members_of(role) if not hasattr(driver, member)]
-    if lacking:
+    missing = [member for member in members_of(role) if not hasattr(driver, member)]
+    if missing:
         raise plug_in.broken("the driver does not have all members required for its role; missing: "
-            f"{', '.join(lacking)}")
+            f"{', '.join(missing)}")
     return driver
 
 

@@ -14,7 +14,7 @@ from drivers.current_source import (
     SourceTemperature,
     SourceTiming,
 )
-from drivers.devices.supply import SupplyConnection, supply_lacks
+from drivers.devices.supply import SupplyConnection, supply_missing
 from drivers.errors import DriverError
 from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
@@ -22,15 +22,15 @@ from protocols.errors import LocalProtocolError
 from protocols.quality import Quality
 
 DEVICE = "ecu"
-TOLD_EVERY = 10
+REPORT_EVERY = 10
 """Polls between two records of a state that does not change."""
 _RECORDS_KEPT = 4096
 
 
-class ToldSource:
+class UnmeasuredSource:
     """What is wanted of a source, what it was found to do, and the records of both; the wire is its heirs' own."""
 
-    told_every = TOLD_EVERY
+    report_every = REPORT_EVERY
 
     def __init__(self) -> None:
         self.counters = SourceCounters()
@@ -39,7 +39,7 @@ class ToldSource:
         self.identity: SourceIdentity | None = None
         self.send_error: DriverError | None = None
         self.bus_errors = 0
-        self._wanted = (0.0, False)
+        self._requested = (0.0, False)
         self._polls = self._faults = 0
         self._reported: tuple[int, int] | None = None
         self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
@@ -66,20 +66,20 @@ class ToldSource:
     @property
     def commanded_A(self) -> float:
         """Set-point, A; 0 while the output is to be off."""
-        current_A, enable = self._wanted
+        current_A, enable = self._requested
         return current_A if enable else 0.0
 
-    def _tell(self, current_A: float, arrival_ns: int) -> tuple[SourceStatus, list[Record]]:
+    def _report(self, current_A: float, arrival_ns: int) -> tuple[SourceStatus, list[Record]]:
         """What is known now that so much flows: the status, and what of it is recorded."""
         state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
         status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
         self.status = status
-        told = [self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)]
-        if self._reported != (status.state, status.faults) or self._polls % self.told_every == 1:
+        records = [self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)]
+        if self._reported != (status.state, status.faults) or self._polls % self.report_every == 1:
             self._reported = (status.state, status.faults)
-            told.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
-            told.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
-        return status, told
+            records.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
+            records.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
+        return status, records
 
     def _hand_over(self, batch: SourceBatch) -> None:
         """Put what was recorded meanwhile into a batch, everything in its order of time."""
@@ -95,7 +95,7 @@ class ToldSource:
         return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0
 
 
-class PolledSource(ToldSource):
+class PolledSource(UnmeasuredSource):
     """A source with a description that is asked for what flows.
 
     Args:
@@ -119,7 +119,7 @@ class PolledSource(ToldSource):
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
         """What it cannot do, and what is left without it."""
-        return supply_lacks(self._described)
+        return supply_missing(self._described)
 
     def _want(self, current_A: float, *, enable: bool) -> bool:
         """Take a set-point; whether it is another one.
@@ -132,8 +132,8 @@ class PolledSource(ToldSource):
             raise LocalProtocolError(
                 f"{current_A:g} A is outside the {self._called}'s range of {low_A:g} to {high_A:g} A"
             )
-        changed = self._wanted != (current_A, enable)
-        self._wanted = (current_A, enable)
+        changed = self._requested != (current_A, enable)
+        self._requested = (current_A, enable)
         if changed:
             self._changed_ns = clock.monotonic_ns()
         return changed

@@ -35,12 +35,12 @@ class RegisterAccess:
         self._known: set[tuple[str, int, int]] = set()
 
     def read(
-        self, wanted: Sequence[Read], name: str, requests: Sequence[Written] = (), *, once: bool = False
+        self, reads: Sequence[Read], name: str, requests: Sequence[Written] = (), *, once: bool = False
     ) -> dict[str, Value]:
         """Write, then read, in one trip where the device can.
 
         Args:
-            wanted: what is read.
+            reads: what is read.
             name: of it, for messages.
             requests: what is written before.
             once: what is written is out of date when it would be written again; else that is harmless.
@@ -54,12 +54,12 @@ class RegisterAccess:
         """
         values: dict[str, Value] = {}
         single = len(requests) == 1 and requests[0].function == WRITE_REGISTERS
-        together = self._together and single and bool(wanted) and wanted[0].space == HOLDING
+        together = self._together and single and bool(reads) and reads[0].space == HOLDING
         if not together:
             for request in requests:
                 (self.write if once else self._write_again)(request)
         try:
-            for place, read in enumerate(wanted):
+            for place, read in enumerate(reads):
                 one = requests[0] if together and place == 0 else None
                 values |= read.decode(self.words(read, one, retries=0 if once else READ_RETRIES))
         except RemoteProtocolError as error:

@@ -17,7 +17,7 @@ from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import DEVICE, PolledSource
 from drivers.ring import Channel
 from drivers.serial_port import SerialPort
-from drivers.supply_dialogue import Job, SupplyDialogue, Wanted
+from drivers.supply_dialogue import ExpectedReply, Job, SupplyDialogue
 from protocols.errors import RemoteProtocolError
 from protocols.patterns import Pattern
 from protocols.scpi import Command, number_in
@@ -51,7 +51,7 @@ class ScpiSupply(PolledSource):
             self._port, link, connection.timeout_s, described.commands.identify, self._numbers
         )
         self._output_on = self._again = False
-        self._told = ""
+        self._identity = ""
         self._late = 0
         self._volts = 0.0
 
@@ -85,13 +85,13 @@ class ScpiSupply(PolledSource):
     def identity_problem(self) -> str:
         """Why the supply is not the one expected; empty while it is, or has not said who it is."""
         pattern, text = self._described.identity, self._connection.identity
-        if not self._told:
+        if not self._identity:
             return ""
-        if pattern is not None and not pattern.search(self._told):
-            return f"identification: got {self._told!r:.100}, expected a match for {pattern.text!r}"
+        if pattern is not None and not pattern.search(self._identity):
+            return f"identification: got {self._identity!r:.100}, expected a match for {pattern.text!r}"
         return (
-            f"identification: got {self._told!r:.100}, expected text that contains {text!r}"
-        ) if text not in self._told else ""
+            f"identification: got {self._identity!r:.100}, expected text that contains {text!r}"
+        ) if text not in self._identity else ""
 
     @property
     def malformed(self) -> int:
@@ -107,7 +107,7 @@ class ScpiSupply(PolledSource):
         if not self._port.is_open:
             self._port.open()
             self._dialogue.forget()
-            self._told, self._due_ns = "", 0
+            self._identity, self._due_ns = "", 0
 
     def close(self) -> None:
         """0 A and output off if anything was ever set, local mode, port closed; twice is harmless."""
@@ -121,7 +121,7 @@ class ScpiSupply(PolledSource):
                 self._dialogue.jobs.extend(Job(command) for command in self._watchdog("stop"))
             commands = self._described.commands
             self._dialogue.jobs.extend(Job(command) for command in commands.local)
-            self._dialogue.jobs.extend(Job(command, Wanted.IDENTITY) for command in commands.identify)
+            self._dialogue.jobs.extend(Job(command, ExpectedReply.IDENTITY) for command in commands.identify)
             self._await_silence()
         self._started = False
         self._port.close()
@@ -178,8 +178,8 @@ class ScpiSupply(PolledSource):
             now_ns = clock.monotonic_ns()
             next_ns = self._go_on(now_ns)
             data, arrival_ns = self._port.read_available(max(0.0, (min(deadline_ns, next_ns) - now_ns) * 1e-9))
-            for wanted, answer in self._dialogue.feed(data):
-                self._take(wanted, answer, arrival_ns, batch)
+            for kind, answer in self._dialogue.feed(data):
+                self._take(kind, answer, arrival_ns, batch)
             if batch.statuses or arrival_ns >= deadline_ns:
                 break
         self._hand_over(batch)
@@ -214,7 +214,7 @@ class ScpiSupply(PolledSource):
             self._late = dialogue.late
             # What was to be set is not known to have arrived.
             self._again = self._started
-        if self._again and self._told:
+        if self._again and self._identity:
             self._again, self._output_on = False, False
             dialogue.jobs.extendleft(reversed([Job(c, None, dialogue.set_point) for c in self._set_point()]))
         if not dialogue.jobs and now_ns >= self._due_ns:
@@ -225,28 +225,28 @@ class ScpiSupply(PolledSource):
         """What is asked now: who it is, until it has said so; then the current, and one of the other things."""
         self._plan_next_poll(now_ns)
         commands = self._described.commands
-        if not self._told:
+        if not self._identity:
             yield from (Job(command) for command in commands.connect)
-        if not self._told and commands.identify:
-            yield from (Job(command, Wanted.IDENTITY) for command in commands.identify)
+        if not self._identity and commands.identify:
+            yield from (Job(command, ExpectedReply.IDENTITY) for command in commands.identify)
             return
-        if not self._told:
+        if not self._identity:
             yield from self._know(self._described.name)
         self._polls += 1
-        yield from (Job(command, Wanted.CURRENT) for command in commands.measure_current)
+        yield from (Job(command, ExpectedReply.CURRENT) for command in commands.measure_current)
         yield from (Job(command) for command in self._watchdog("feed"))
         others = [
-            *(Job(command, Wanted.VOLTAGE) for command in commands.measure_voltage),
-            *(Job(command, Wanted.FAULTS) for command in commands.read_faults),
-            *(Job(command, Wanted.OUTPUT) for command in commands.read_output),
-            *(Job(command, Wanted.ERROR) for command in commands.error_queue if self._started),
+            *(Job(command, ExpectedReply.VOLTAGE) for command in commands.measure_voltage),
+            *(Job(command, ExpectedReply.FAULTS) for command in commands.read_faults),
+            *(Job(command, ExpectedReply.OUTPUT) for command in commands.read_output),
+            *(Job(command, ExpectedReply.ERROR) for command in commands.error_queue if self._started),
         ]
         if others:
             yield others[self._polls % len(others)]
 
     def _know(self, answer: str) -> Iterator[Job]:
         """It has said who it is; what makes it listen."""
-        first, self._told = not self._told, answer
+        first, self._identity = not self._identity, answer
         self.identity = identity_of(answer)
         self._dialogue.know(answer)
         commands = self._described.commands
@@ -254,34 +254,34 @@ class ScpiSupply(PolledSource):
 
     # What comes back
 
-    def _take(self, wanted: Wanted, answer: str, arrival_ns: int, batch: SourceBatch) -> None:
+    def _take(self, kind: ExpectedReply, answer: str, arrival_ns: int, batch: SourceBatch) -> None:
         """One answer of the supply."""
-        if wanted is Wanted.NOTHING:
+        if kind is ExpectedReply.NOTHING:
             self.counters.other_frames += 1
-        elif wanted is Wanted.IDENTITY:
+        elif kind is ExpectedReply.IDENTITY:
             self._dialogue.jobs.extend(self._know(answer))
-        elif wanted is Wanted.ERROR:
+        elif kind is ExpectedReply.ERROR:
             if not self._described.no_error.search(answer):
                 self._faults |= SourceFault.COMMAND_CHECK
-        elif wanted is Wanted.OUTPUT:
+        elif kind is ExpectedReply.OUTPUT:
             self._take_output(on=answer in self._described.on)
         else:
-            self._take_number(wanted, answer, arrival_ns, batch)
+            self._take_number(kind, answer, arrival_ns, batch)
 
-    def _take_number(self, wanted: Wanted, answer: str, arrival_ns: int, batch: SourceBatch) -> None:
+    def _take_number(self, kind: ExpectedReply, answer: str, arrival_ns: int, batch: SourceBatch) -> None:
         described = self._described
         try:
-            if wanted is Wanted.VOLTAGE:
+            if kind is ExpectedReply.VOLTAGE:
                 self._volts = number_in(answer, described.voltage)
                 batch.records.append(self._record(arrival_ns, Channel.ECU_SUPPLY, self._volts))
-            elif wanted is Wanted.EARLIER:
+            elif kind is ExpectedReply.EARLIER:
                 # It proves nothing of what was sent meanwhile: asked anew at once.
                 self._due_ns = 0
                 flowed_A = number_in(answer, described.current)
                 batch.records.append(self._record(arrival_ns, Channel.COIL_CURRENT, flowed_A))
-            elif wanted is Wanted.CURRENT:
+            elif kind is ExpectedReply.CURRENT:
                 self._take_current(number_in(answer, described.current), arrival_ns, batch)
-            elif wanted is Wanted.FAULTS:
+            elif kind is ExpectedReply.FAULTS:
                 word = int(number_in(answer))
                 self._faults |= sum(meaning for bit, meaning in described.faults if word & bit)
             else:
@@ -294,17 +294,17 @@ class ScpiSupply(PolledSource):
     def _take_current(self, current_A: float, arrival_ns: int, batch: SourceBatch) -> None:
         self.counters.bad_in_a_row = self.counters.unmeasured_in_a_row = 0
         self.counters.statuses += 1
-        self._judge_compliance(current_A, arrival_ns)
+        self._check_compliance(current_A, arrival_ns)
         if self._dialogue.refused:
             self._faults |= SourceFault.COMMAND_CHECK
-        status, told = self._tell(current_A, arrival_ns)
+        status, records = self._report(current_A, arrival_ns)
         batch.statuses.append(status)
-        batch.records.extend(told)
+        batch.records.extend(records)
 
-    def _judge_compliance(self, current_A: float, now_ns: int) -> None:
+    def _check_compliance(self, current_A: float, now_ns: int) -> None:
         """Too little current at the highest voltage allowed: the coil's circuit is open, or the limit too low."""
-        wanted_A, limit_V = abs(self.commanded_A), self._connection.voltage_limit_V
-        short_of = abs(current_A) < wanted_A * (1.0 - SHORT_OF_SHARE) - SHORT_OF_A
+        target_A, limit_V = abs(self.commanded_A), self._connection.voltage_limit_V
+        short_of = abs(current_A) < target_A * (1.0 - SHORT_OF_SHARE) - SHORT_OF_A
         at_limit = limit_V is not None and abs(self._volts) >= COMPLIANCE_SHARE * limit_V
         self._open = self._open + 1 if short_of and at_limit and self._settled(now_ns) else 0
         if self._open >= OPEN_IN_A_ROW:
@@ -328,5 +328,5 @@ class ScpiSupply(PolledSource):
 
 def _answered(question: Commands, pattern: Pattern | None) -> str:
     """Where a number stands in the answer to a question, in words."""
-    asked = " ".join(command.text for command in question)
-    return f"number in the answer to {asked!r}" + ("" if pattern is None else f", group value of {pattern.text!r}")
+    words = " ".join(command.text for command in question)
+    return f"number in the answer to {words!r}" + ("" if pattern is None else f", group value of {pattern.text!r}")

@@ -26,7 +26,7 @@ CLOCKED = (FRAME16,)
 DEFAULT_FORMAT = FRAME16
 UNSCALED = SampleScale()
 NO_EXCHANGE = Exchange()
-ASKED_RATE_Hz = 100.0
+REQUEST_RATE_Hz = 100.0
 """How often a sensor is asked where neither bench nor format say it."""
 AHEAD_BYTES = 2048
 AHEAD_S = 0.25
@@ -77,12 +77,12 @@ class SerialSensor:
         self._decoder: Decoder = FrameDecoder()
         has_sequence = True
         if line_format != FRAME16:
-            wanted = described_format(line_format, channel) if isinstance(line_format, str) else line_format
+            described = described_format(line_format, channel) if isinstance(line_format, str) else line_format
             if scale.rate_Hz is None:
-                scale = replace(scale, rate_Hz=wanted.nominal_rate_Hz)
-            self._exchange = wanted.exchange
-            self._decoder = _decoder(wanted)
-            has_sequence = wanted.has_sequence
+                scale = replace(scale, rate_Hz=described.nominal_rate_Hz)
+            self._exchange = described.exchange
+            self._decoder = _decoder(described)
+            has_sequence = described.has_sequence
             if self._exchange.request:
                 self._decoder = self._poll = Poll(self._decoder, self._exchange, scale)
                 has_sequence = True
@@ -188,11 +188,11 @@ class SerialSensor:
                 return batch._replace(lost=self._stream.counters.lost - lost_before)
 
 
-def _decoder(wanted: LineFormat | BinaryFormat) -> Decoder:
-    answers = bool(wanted.exchange.request)
-    if isinstance(wanted, LineFormat):
-        return LineDecoder(wanted, answers=answers)
-    return BinaryDecoder(wanted, answers=answers)
+def _decoder(described: LineFormat | BinaryFormat) -> Decoder:
+    answers = bool(described.exchange.request)
+    if isinstance(described, LineFormat):
+        return LineDecoder(described, answers=answers)
+    return BinaryDecoder(described, answers=answers)
 
 
 class Poll:
@@ -211,29 +211,29 @@ class Poll:
         self.bad_frames = self.skipped_bytes = 0
         self._decoder = decoder
         self._exchange = exchange
-        rate_Hz = (scale.rate_Hz or ASKED_RATE_Hz) * scale.device_rate
+        rate_Hz = (scale.rate_Hz or REQUEST_RATE_Hz) * scale.device_rate
         self._period_ns = int(1e9 / rate_Hz)
         self._clocked = scale.device_rate == 1.0
         self._timeout_ns = int((exchange.answer_timeout_s if self._clocked else AHEAD_TIMEOUT_S) * 1e9)
         ahead = min(AHEAD_BYTES // len(exchange.request), int(AHEAD_S * rate_Hz))
         self._most = 1 if self._clocked else max(1, ahead)
-        self._asked: deque[tuple[int, int]] = deque()
+        self._pending: deque[tuple[int, int]] = deque()
         self._number = 0
         self._due_ns = 0
-        self._asked_ns = 0
+        self._request_ns = 0
 
     def given_up(self, now_ns: int) -> bool:
         """Whether an answer is overdue; then all requests are forgotten, and nothing is asked for a while."""
-        if not self._asked or now_ns - self._asked_ns <= self._timeout_ns:
+        if not self._pending or now_ns - self._request_ns <= self._timeout_ns:
             return False
-        self._asked.clear()
+        self._pending.clear()
         self._decoder.clear()
         self._due_ns = now_ns + self._timeout_ns
         return True
 
     def due(self, now_ns: int) -> bytes:
         """Requests to be sent now, with which the waiting begins; b"" for none."""
-        count = self._most - len(self._asked)
+        count = self._most - len(self._pending)
         if now_ns < self._due_ns or count <= 0:
             return b""
         if self._clocked:
@@ -242,14 +242,14 @@ class Poll:
             self._number += late
         for _ in range(count):
             self._number += 1
-            self._asked.append((self._number, now_ns))
-        self._asked_ns = now_ns
+            self._pending.append((self._number, now_ns))
+        self._request_ns = now_ns
         return self._exchange.request * count
 
     def next_ns(self) -> int:
         """When to look again at the latest (monotonic)."""
-        if self._asked:
-            return self._asked_ns + self._timeout_ns + 1
+        if self._pending:
+            return self._request_ns + self._timeout_ns + 1
         return self._due_ns
 
     def feed(self, chunk: bytes) -> list[Reading]:
@@ -258,20 +258,20 @@ class Poll:
         answers = self._decoder.feed(chunk)
         self.bad_frames += self._decoder.bad_frames - bad
         self.skipped_bytes = self._decoder.skipped_bytes
-        for _ in range(min(self._decoder.bad_frames - bad, len(self._asked))):
-            self._asked.popleft()
+        for _ in range(min(self._decoder.bad_frames - bad, len(self._pending))):
+            self._pending.popleft()
         readings: list[Reading] = []
         for _, _, value, status, _ in answers:
-            if not self._asked:
+            if not self._pending:
                 self.bad_frames += 1
                 continue
-            number, asked_ns = self._asked.popleft()
-            device_us = asked_ns // 1000 % DEVICE_US_MODULUS if self._clocked else -1
+            number, request_ns = self._pending.popleft()
+            device_us = request_ns // 1000 % DEVICE_US_MODULUS if self._clocked else -1
             readings.append((number % SEQUENCE_MODULUS, device_us, value, status, 0))
-            self._asked_ns = max(self._asked_ns, asked_ns) if self._clocked else clock.monotonic_ns()
+            self._request_ns = max(self._request_ns, request_ns) if self._clocked else clock.monotonic_ns()
         return readings
 
     def clear(self) -> None:
         """Forget the unfinished answer and the requests under way."""
         self._decoder.clear()
-        self._asked.clear()
+        self._pending.clear()

@@ -88,34 +88,34 @@ class SetpointGuard:
             self._spare_m_s = max(0.0, min(self._most_spare_m_s, spare_m_s))
         self.last, self.at_s, self.taken_s = setpoint, now_s, now_s
 
-    def reachable(self, wanted: Setpoint, now_s: float, fastest_m_s: float, *, braking: bool = False) -> Setpoint:
+    def reachable(self, target: Setpoint, now_s: float, fastest_m_s: float, *, braking: bool = False) -> Setpoint:
         """The set-point to send.
 
         Args:
-            wanted: the motion's.
+            target: the motion's.
             now_s: when it is sent.
             fastest_m_s: largest planned speed of the motion.
             braking: the motion is a halt: it may end outside the travel where it began too fast or too far out.
         """
         step_s = max(now_s - self.at_s, 0.0)
         if not math.isfinite(self._acceleration_m_s2) or not math.isfinite(step_s):
-            return wanted
+            return target
         turn_m_s = self._turn_m_s(step_s, braking=braking)
         if not self.catching_up:
-            self.catching_up = self._is_beyond(wanted, step_s, turn_m_s, braking=braking)
+            self.catching_up = self._is_beyond(target, step_s, turn_m_s, braking=braking)
         if self.catching_up:
-            sent = self._returning(wanted, step_s, fastest_m_s)
+            sent = self._returning(target, step_s, fastest_m_s)
         else:
-            sent = self._nearest(wanted, step_s, turn_m_s)
+            sent = self._nearest(target, step_s, turn_m_s)
         return sent if braking else self._within_travel(sent)
 
-    def _is_beyond(self, wanted: Setpoint, step_s: float, turn_m_s: float, *, braking: bool) -> bool:
+    def _is_beyond(self, target: Setpoint, step_s: float, turn_m_s: float, *, braking: bool) -> bool:
         """The motion is out of reach: by a step that would throw the rod, by a corner, or by the end of travel."""
         step_m = self._acceleration_m_s2 * min(max(step_s, self._period_s), 1.0 / LOOP_1_S) ** 2
-        off_m = wanted.position_m - self._goes_to_m(step_s)
-        if abs(off_m) > step_m or abs(wanted.velocity_m_s - self.last.velocity_m_s) > turn_m_s:
+        off_m = target.position_m - self._goes_to_m(step_s)
+        if abs(off_m) > step_m or abs(target.velocity_m_s - self.last.velocity_m_s) > turn_m_s:
             return True
-        return not braking and self._leaves_travel(wanted)
+        return not braking and self._leaves_travel(target)
 
     def _turn_m_s(self, step_s: float, *, braking: bool) -> float:
         """By how much the speed may change now; of a halt, that has no corner, as the limit says."""
@@ -129,55 +129,55 @@ class SetpointGuard:
         """Where the device's set-point is after this time: it goes on at the speed of the last one."""
         return self.last.position_m + self.last.velocity_m_s * step_s
 
-    def _nearest(self, wanted: Setpoint, step_s: float, turn_m_s: float) -> Setpoint:
+    def _nearest(self, target: Setpoint, step_s: float, turn_m_s: float) -> Setpoint:
         """The set-point itself where it is in reach; else the nearest one that is."""
         limit, straight_m, before_m_s = self._acceleration_m_s2, self._goes_to_m(step_s), self.last.velocity_m_s
         most_m_s = SPEED_SHARE * self._limits.speed_m_s
         low_m_s, high_m_s = max(-most_m_s, before_m_s - turn_m_s), min(most_m_s, before_m_s + turn_m_s)
         off_m = 0.5 * limit * step_s**2 + SLACK_M
         return Setpoint(
-            max(straight_m - off_m, min(straight_m + off_m, wanted.position_m)),
-            max(low_m_s, min(high_m_s, wanted.velocity_m_s)),
+            max(straight_m - off_m, min(straight_m + off_m, target.position_m)),
+            max(low_m_s, min(high_m_s, target.velocity_m_s)),
         )
 
-    def _returning(self, wanted: Setpoint, step_s: float, fastest_m_s: float) -> Setpoint:
+    def _returning(self, target: Setpoint, step_s: float, fastest_m_s: float) -> Setpoint:
         """Go on from the last set-point at its speed, and change the speed towards the motion."""
         period_s = self._period_s or step_s
         limit = CATCH_UP_SHARE * self._acceleration_m_s2
         position_m = self._goes_to_m(step_s)
-        off_m = position_m - wanted.position_m
-        if self._caught(off_m, wanted, period_s):
+        off_m = position_m - target.position_m
+        if self._caught(off_m, target, period_s):
             self.catching_up = False
-            return wanted
+            return target
         # Linear near the motion, along the parabola of a constant deceleration far from it.
         speed_m_s = min(abs(off_m) / (CATCH_UP_PERIODS * period_s), math.sqrt(2.0 * limit * abs(off_m)))
-        velocity_m_s = wanted.velocity_m_s - math.copysign(speed_m_s, off_m)
-        most_m_s = min(max(fastest_m_s, abs(wanted.velocity_m_s)), self._limits.speed_m_s)
+        velocity_m_s = target.velocity_m_s - math.copysign(speed_m_s, off_m)
+        most_m_s = min(max(fastest_m_s, abs(target.velocity_m_s)), self._limits.speed_m_s)
         velocity_m_s = max(-most_m_s, min(most_m_s, velocity_m_s))
         gained_m_s = limit * min(period_s, TURN_S)
         before_m_s = self.last.velocity_m_s
         velocity_m_s = max(before_m_s - gained_m_s, min(before_m_s + gained_m_s, velocity_m_s))
         return Setpoint(position_m, self._stoppable(position_m, velocity_m_s, period_s))
 
-    def _caught(self, off_m: float, wanted: Setpoint, period_s: float) -> bool:
+    def _caught(self, off_m: float, target: Setpoint, period_s: float) -> bool:
         period_s = min(period_s, TURN_S)
         near_m = CAUGHT_SHARE * self._acceleration_m_s2 * period_s**2
         near_m_s = CATCH_UP_SHARE * self._acceleration_m_s2 * period_s
-        near = abs(off_m) <= near_m and abs(wanted.velocity_m_s - self.last.velocity_m_s) <= near_m_s
-        return near and not self._leaves_travel(wanted)
+        near = abs(off_m) <= near_m and abs(target.velocity_m_s - self.last.velocity_m_s) <= near_m_s
+        return near and not self._leaves_travel(target)
 
     def _left_m(self, position_m: float, velocity_m_s: float) -> float:
         """Travel that is left in this direction."""
         end_m = self._limits.position_max_m if velocity_m_s > 0.0 else self._limits.position_min_m
         return max(0.0, math.copysign(1.0, velocity_m_s) * (end_m - position_m))
 
-    def _leaves_travel(self, wanted: Setpoint) -> bool:
+    def _leaves_travel(self, target: Setpoint) -> bool:
         """It cannot be stopped within the travel: set-points brake it from the next one on, a period later."""
-        speed_m_s, limit = abs(wanted.velocity_m_s), self._acceleration_m_s2
+        speed_m_s, limit = abs(target.velocity_m_s), self._acceleration_m_s2
         gone_m, least_m_s = speed_m_s * self._period_s, limit * self._period_s
         if speed_m_s > least_m_s:
             gone_m += 0.5 * (speed_m_s - least_m_s) ** 2 / limit
-        return gone_m > self._left_m(*wanted) + SLACK_M
+        return gone_m > self._left_m(*target) + SLACK_M
 
     def _stoppable(self, position_m: float, velocity_m_s: float, period_s: float) -> float:
         """The speed, or as much of it as can still be stopped within the travel after the coming period."""

@@ -68,9 +68,9 @@ class SetpointLead:
         period_s, speed_m_s = self._period_s, setpoint.velocity_m_s
         low_m = min(self._limits.position_min_m, setpoint.position_m)
         high_m = max(self._limits.position_max_m, setpoint.position_m)
-        wanted_m = max(low_m, min(high_m, setpoint.position_m + speed_m_s * period_s))
+        target_m = max(low_m, min(high_m, setpoint.position_m + speed_m_s * period_s))
         if period_s == 0.0 or math.isnan(self._to_m):
-            return setpoint._replace(position_m=wanted_m)
+            return setpoint._replace(position_m=target_m)
         from_m = self._where_m(now_s)
         least_m_s = SLACK_SHARE * self._limits.acceleration_m_s2 * period_s
         room_m_s = SPEED_SHARE * min(fastest_m_s, self._limits.speed_m_s) - abs(speed_m_s)
@@ -78,7 +78,7 @@ class SetpointLead:
         # Never back behind what the device may have reached already.
         least_m = min(self._to_m, from_m + (min(0.0, speed_m_s) - more_m_s) * period_s)
         most_m = max(self._to_m, from_m + (max(0.0, speed_m_s) + more_m_s) * period_s)
-        return setpoint._replace(position_m=max(least_m, min(most_m, wanted_m)))
+        return setpoint._replace(position_m=max(least_m, min(most_m, target_m)))
 
     def lost(self, position_m: float) -> None:
         """This set-point was sent and not acknowledged: the device may have taken it."""

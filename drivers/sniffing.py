@@ -78,12 +78,12 @@ def tried(data: bytes, given: Given, name: str = "") -> Match:
     decoder: FrameDecoder | LineDecoder | BinaryDecoder = FrameDecoder()
     behind = 0
     if given != FRAME16:
-        wanted = described_format(given)
-        answers = bool(wanted.exchange.request)
-        if isinstance(wanted, LineFormat):
-            decoder, behind = LineDecoder(wanted, answers=answers), len(wanted.terminator)
+        described = described_format(given)
+        answers = bool(described.exchange.request)
+        if isinstance(described, LineFormat):
+            decoder, behind = LineDecoder(described, answers=answers), len(described.terminator)
         else:
-            decoder = BinaryDecoder(wanted, answers=answers)
+            decoder = BinaryDecoder(described, answers=answers)
     readings: list[tuple[float, int]] = []
     missed: list[tuple[int, int]] = []
     end = skipped_then = skipped = 0

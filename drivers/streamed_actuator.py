@@ -144,7 +144,7 @@ class StreamedActuator:
         self._answered = self._known = (0, 0)
         self._count = 0
         self._program_id = 0
-        self._stands_m = math.nan
+        self._rest_m = math.nan
         self._state: int = State.OFF
         self._silence_stops = device.capabilities.watchdog is WatchdogKind.TIMEOUT
 
@@ -326,14 +326,14 @@ class StreamedActuator:
         Raises:
             LocalProtocolError: it is not held there.
         """
-        if self._state not in HOLDING or not math.isfinite(self._stands_m):
+        if self._state not in HOLDING or not math.isfinite(self._rest_m):
             raise LocalProtocolError("set-points were sent although the device does not hold its position (state "
                 f"{self._state})")
         if not self._following or self._withheld:
-            self._source.rest(self._stands_m)
-            self._guard.begin(Setpoint(self._stands_m, 0.0), self._now_s())
+            self._source.rest(self._rest_m)
+            self._guard.begin(Setpoint(self._rest_m, 0.0), self._now_s())
             if self._lead is not None:
-                self._lead.begin(self._stands_m)
+                self._lead.begin(self._rest_m)
             self._following, self.broken_off = True, False
         self._stopped = self._withheld = False
 
@@ -342,7 +342,7 @@ class StreamedActuator:
         self._following = self._refused = self.broken_off = self._stopped = self._withheld = False
         self._seen = None
         self.last, self.taken_m = None, math.nan
-        self._source.rest(self._stands_m if math.isfinite(self._stands_m) else 0.0)
+        self._source.rest(self._rest_m if math.isfinite(self._rest_m) else 0.0)
 
     def _follow(self, watchdog_counter: int | None) -> ActuatorStatus:
         """One step of the stream.
@@ -357,9 +357,9 @@ class StreamedActuator:
             feeds = watchdog_counter is not None and not self._silence_stops
             return self._shown(self._device.exchange(watchdog_counter or 0) if feeds else self._device.read_status())
         if self.broken_off or self.silent_s > self._regular_s > 0.0:
-            asked_s = self._now_s()
+            request_s = self._now_s()
             status = self._shown(self._device.read_status())
-            if not self._following or not self._measure(status, asked_s):
+            if not self._following or not self._measure(status, request_s):
                 return status
         now_s = self._now_s()
         setpoint = self._going_on(self._source.at(now_s), now_s)
@@ -432,12 +432,12 @@ class StreamedActuator:
             self._prompt = 0
         return self._prompt == 0
 
-    def _measure(self, status: ActuatorStatus, asked_s: float) -> bool:
+    def _measure(self, status: ActuatorStatus, request_s: float) -> bool:
         """After a gap: go on, or brake, from where the rod is; False while that is not known.
 
         Args:
             status: as the device showed it.
-            asked_s: when that was requested (s of the device's time).
+            request_s: when that was requested (s of the device's time).
         """
         if not self.in_motion:
             if self._stopped and not self._rests():
@@ -453,7 +453,7 @@ class StreamedActuator:
         rod, now_s = self._rod(status), self._now_s()
         if rod is None:
             return False
-        old_s = now_s - asked_s
+        old_s = now_s - request_s
         if old_s > self._regular_s > 0.0 and abs(rod.velocity_m_s) * old_s > RESTS_M:
             return False
         if self.broken_off:
@@ -480,14 +480,14 @@ class StreamedActuator:
         self._seen = None
         return self._lag.setpoint_of(position_m, velocity_m_s)
 
-    def _going_on(self, wanted: Setpoint, now_s: float) -> Setpoint:
+    def _going_on(self, target: Setpoint, now_s: float) -> Setpoint:
         """The set-point with the mean speed of the coming period: going on at it, the device meets the next one."""
         if self._period_s == 0.0 or not self.in_motion:
-            return wanted
+            return target
         ahead_m = self._source.ahead(now_s + self._period_s)
         if ahead_m is None:
-            return wanted
-        return Setpoint(wanted.position_m, (ahead_m - wanted.position_m) / self._period_s)
+            return target
+        return Setpoint(target.position_m, (ahead_m - target.position_m) / self._period_s)
 
     def _shown(self, status: ActuatorStatus) -> ActuatorStatus:
         """The device's status with the motion that is streamed to it."""
@@ -495,7 +495,7 @@ class StreamedActuator:
         self._state = status.state
         held_m = status.position_m if math.isnan(status.setpoint_m) else status.setpoint_m
         if math.isfinite(held_m):
-            self._stands_m = held_m
+            self._rest_m = held_m
         if status.state not in HOLDING and self._following:
             self._release()
         changed: dict[str, float] = {}

@@ -18,7 +18,7 @@ from drivers.serial_port import SerialPort
 from protocols.scpi import AnswerLines, Command
 
 
-class Wanted(Enum):
+class ExpectedReply(Enum):
     """What an answer that is waited for is about."""
 
     ECHO = auto()
@@ -42,7 +42,7 @@ class Job(NamedTuple):
     """
 
     command: Command
-    wanted: Wanted | None = None
+    reply: ExpectedReply | None = None
     number: int | None = None
 
 
@@ -79,10 +79,10 @@ class SupplyDialogue:
         self._acknowledge = link.acknowledge
         self._lines = AnswerLines()
         self._lock = threading.Lock()
-        self._expected: deque[tuple[Wanted, str, int]] = deque()
-        self._asked_ns = self._free_ns = 0
+        self._expected: deque[tuple[ExpectedReply, str, int]] = deque()
+        self._request_ns = self._free_ns = 0
         self._known = ""
-        self._told_again = False
+        self._asked_again = False
         self._strays = 0  # answers to `identify` that are still to come, or may be; 0: every answer has a request
 
     @property
@@ -129,7 +129,7 @@ class SupplyDialogue:
             LinkLost: it does not take the line.
         """
         if self._expected:
-            late_ns = self._asked_ns + self._timeout_ns
+            late_ns = self._request_ns + self._timeout_ns
             if now_ns < late_ns:
                 return late_ns
             self._find_out()
@@ -142,9 +142,9 @@ class SupplyDialogue:
             if job.number in {None, self.set_point}:
                 self._write([job])
                 self._free_ns = now_ns + int(self._link.gap_s * 1e9)
-        return self._asked_ns + self._timeout_ns if self._expected else max(now_ns, self._free_ns)
+        return self._request_ns + self._timeout_ns if self._expected else max(now_ns, self._free_ns)
 
-    def feed(self, data: bytes) -> Iterator[tuple[Wanted, str]]:
+    def feed(self, data: bytes) -> Iterator[tuple[ExpectedReply, str]]:
         """Take what has arrived; every answer to a request, and what it is about."""
         for answer in self._lines.feed(data):
             if self._strays:
@@ -152,13 +152,13 @@ class SupplyDialogue:
                     self._find_back()
                 continue
             with self._lock:
-                wanted, sent, number = self._expected.popleft() if self._expected else (Wanted.NOTHING, "", 0)
-                if wanted is Wanted.CURRENT and number != self.set_point:
-                    wanted = Wanted.EARLIER
-            if wanted is Wanted.ACKNOWLEDGE and self._acknowledge is not None:
+                kind, sent, number = self._expected.popleft() if self._expected else (ExpectedReply.NOTHING, "", 0)
+                if kind is ExpectedReply.CURRENT and number != self.set_point:
+                    kind = ExpectedReply.EARLIER
+            if kind is ExpectedReply.ACKNOWLEDGE and self._acknowledge is not None:
                 self.refused |= not self._acknowledge.search(answer)
-            elif wanted is not Wanted.ECHO or answer != sent:
-                yield wanted, answer
+            elif kind is not ExpectedReply.ECHO or answer != sent:
+                yield kind, answer
 
     def _find_out(self) -> None:
         """Ask who it is, and throw everything away until that is answered: a late answer is not taken for another.
@@ -167,24 +167,24 @@ class SupplyDialogue:
         and then nothing for a whole time-out, the others never will.
         """
         self.late += 1
-        strays, settled = self._strays, self._told_again
+        strays, settled = self._strays, self._asked_again
         self.forget()
-        self._told_again = False
+        self._asked_again = False
         if settled:
             return
         if self._known and self._identify:
             self._strays = strays + 1
-            self.jobs.extend(Job(command, Wanted.IDENTITY) for command in self._identify)
+            self.jobs.extend(Job(command, ExpectedReply.IDENTITY) for command in self._identify)
 
     def _find_back(self) -> None:
         """It has said who it is: once for every time it was asked, and the next answer has a request again."""
         self._strays -= 1
-        self._told_again = True
-        self._asked_ns = clock.monotonic_ns()
+        self._asked_again = True
+        self._request_ns = clock.monotonic_ns()
         if not self._strays:
-            self._told_again = False
+            self._asked_again = False
             with self._lock:
-                while self._expected and self._expected.popleft()[0] is not Wanted.IDENTITY:
+                while self._expected and self._expected.popleft()[0] is not ExpectedReply.IDENTITY:
                     pass
 
     def _write(self, jobs: Iterable[Job]) -> None:
@@ -194,11 +194,11 @@ class SupplyDialogue:
             line = job.command.line(*numbers)
             data += line + self._link.terminator.encode("ascii")
             if self._link.echo:
-                self._expected.append((Wanted.ECHO, line.decode("ascii").strip(), self.set_point))
-            if job.wanted is not None:
-                self._expected.append((job.wanted, "", self.set_point))
+                self._expected.append((ExpectedReply.ECHO, line.decode("ascii").strip(), self.set_point))
+            if job.reply is not None:
+                self._expected.append((job.reply, "", self.set_point))
             elif self._acknowledge is not None:
-                self._expected.append((Wanted.ACKNOWLEDGE, "", self.set_point))
+                self._expected.append((ExpectedReply.ACKNOWLEDGE, "", self.set_point))
         if data:
-            self._asked_ns = clock.monotonic_ns()
+            self._request_ns = clock.monotonic_ns()
             self._port.write(data)

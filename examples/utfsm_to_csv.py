@@ -36,9 +36,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--out", required=True, type=Path)
-    wanted = parser.parse_args()
-    wanted.out.mkdir(parents=True, exist_ok=True)
-    for file in wanted.files:
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for file in arguments.files:
         interval_s, tests = tests_of(file.read_text(encoding="latin-1"))
         force = 0 if interval_s == FORCE_FIRST_S else 1
         for current, test in zip(CURRENTS_A, tests, strict=True):
@@ -46,7 +46,7 @@ def main() -> None:
                 f"{k * interval_s:.6f},{volts[1 - force] * DISPLACEMENT_M_V:.6f},{volts[force] * FORCE_N_V:.6f}\n"
                 for k, volts in enumerate(test)
             )
-            out = wanted.out / f"{file.stem.removeprefix('ME')}_{current}A.csv"
+            out = arguments.out / f"{file.stem.removeprefix('ME')}_{current}A.csv"
             out.write_text("t_s,x_m,force_N\n" + "".join(rows), encoding="ascii")
 
 

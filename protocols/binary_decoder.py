@@ -63,11 +63,11 @@ class BinaryDecoder:
 
     def _by_length(self, chunk: bytes) -> Iterator[bytes]:
         """Frames of a fixed length through data in which not everything is a frame."""
-        wanted, data, at = self.binary_format, self._rest + chunk, 0
-        size, sync = wanted.length, wanted.sync
+        layout, data, at = self.binary_format, self._rest + chunk, 0
+        size, sync = layout.length, layout.sync
         while at + size <= len(data):
             frame = data[at : at + size]
-            if wanted.intact(frame):
+            if layout.intact(frame):
                 following = data[at + size : at + size + len(sync)]
                 if self._weak and not self._locked:
                     if len(following) < len(sync):
@@ -132,24 +132,24 @@ class BinaryDecoder:
 
     def _unstuffed(self, byte: int) -> tuple[str, int]:
         """What a byte is: "start", "end", a "byte" of content, "none" (an escape), or "bad"."""
-        wanted, escaped, self._escaped = self.binary_format, self._escaped, False
-        if wanted.stuffing == "dle":
+        layout, escaped, self._escaped = self.binary_format, self._escaped, False
+        if layout.stuffing == "dle":
             if not escaped:
                 self._escaped = byte == _DLE
                 return ("none", 0) if self._escaped else ("byte", byte)
-            marks = {_DLE: "byte", wanted.sync[-1]: "start", wanted.end[-1]: "end"}
+            marks = {_DLE: "byte", layout.sync[-1]: "start", layout.end[-1]: "end"}
             return self._or_bad(marks.get(byte, "bad")), byte
-        escape = 0xDB if wanted.stuffing == "slip" else wanted.escape
+        escape = 0xDB if layout.stuffing == "slip" else layout.escape
         if escaped:
-            if wanted.stuffing == "slip":
+            if layout.stuffing == "slip":
                 return (self._or_bad("byte" if byte in _SLIP else "bad"), _SLIP.get(byte, 0))
-            return "byte", byte ^ wanted.escape_xor
+            return "byte", byte ^ layout.escape_xor
         if byte == escape:
             self._escaped = True
             return "none", 0
-        if wanted.end and byte == wanted.end[0]:
+        if layout.end and byte == layout.end[0]:
             return "end", byte
-        return ("start", byte) if wanted.sync and byte == wanted.sync[0] else ("byte", byte)
+        return ("start", byte) if layout.sync and byte == layout.sync[0] else ("byte", byte)
 
     def _or_bad(self, event: str) -> str:
         if event == "bad":

@@ -166,8 +166,8 @@ class BinaryFormat:
             return True
         kind = CHECKSUMS[self.checksum]
         first, last = self.checksum_over
-        told = frame[self.checksum_at : self.checksum_at + kind.size]
-        return kind.of(frame[first : last + 1]).to_bytes(kind.size, self.checksum_order) == told  # type: ignore[arg-type]  # as above
+        sent = frame[self.checksum_at : self.checksum_at + kind.size]
+        return kind.of(frame[first : last + 1]).to_bytes(kind.size, self.checksum_order) == sent  # type: ignore[arg-type]  # as above
 
     @cached_property
     def marks(self) -> list[tuple[int, int]]:

@@ -144,11 +144,11 @@ class FrameReader:
         wanted: by the name under which the value is given back.
     """
 
-    def __init__(self, size: int, wanted: Mapping[str, Placed]) -> None:
-        self._parts = [(name, *_cut(placed, size)) for name, placed in wanted.items()]
+    def __init__(self, size: int, requested: Mapping[str, Placed]) -> None:
+        self._parts = [(name, *_cut(placed, size)) for name, placed in requested.items()]
         self._big = any(
             signal.big_endian
-            for placed in wanted.values()
+            for placed in requested.values()
             for signal in (placed.signal, *(multiplexer for multiplexer, _ in placed.conditions))
         )
 

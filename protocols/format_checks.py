@@ -81,9 +81,9 @@ def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | Non
         if name not in HOLES:
             problems.append((("columns", name), f"unknown column; known: {', '.join(HOLES)}"))
         elif isinstance(place, int) is (separator is None):
-            wanted = "the column number, because a separator is specified"
-            wanted = "[first, last] character" if separator is None else wanted
-            problems.append((("columns", name), f"must be {wanted}"))
+            expected = "the column number, because a separator is specified"
+            expected = "[first, last] character" if separator is None else expected
+            problems.append((("columns", name), f"must be {expected}"))
     if "value" not in columns:
         problems.append((("columns",), "requires a column for the value"))
     if separator is not None and not (len(separator) == 1 and separator.isascii()):
@@ -220,8 +220,8 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
                           parts(made.pattern))  # fmt: skip
         with_unit = f" with the unit {made.unit!r}" if "unit" in made.groups else ""
         digits = f" and a checksum of {checksum_digits(made)} digits" if made.checksum != "none" else ""
-        told = f"no {made.number} number{with_unit}{digits} fits into a line such as {written!r}"
-        yield ("pattern",), f"can never match: {told}"
+        message = f"no {made.number} number{with_unit}{digits} fits into a line such as {written!r}"
+        yield ("pattern",), f"can never match: {message}"
     elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern contains the terminator, which ends the line"
 
@@ -327,8 +327,8 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
     for shift in range(1, count):
         pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
         if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
-            told = f"the fixed bits also fit a frame shifted by {shift} byte{'s' * (shift > 1)}"
-            yield ("packed",), f"the start of a frame cannot be detected: {told}"
+            message = f"the fixed bits also fit a frame shifted by {shift} byte{'s' * (shift > 1)}"
+            yield ("packed",), f"the start of a frame cannot be detected: {message}"
             return
     if count == 1:
         yield ("packed",), "requires at least two bytes"

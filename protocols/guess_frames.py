@@ -64,8 +64,8 @@ def _packed(data: bytes) -> Iterator[dict[str, Any]]:
 
 def _first_of(marks: tuple[int, ...], count: int) -> int:
     """Which byte begins: the one marked 0 of three or four, the one marked 1 of two."""
-    wanted = 1 if count == 2 else min(marks)
-    return marks.index(wanted)
+    index = 1 if count == 2 else min(marks)
+    return marks.index(index)
 
 
 def _beginnings(data: bytes, length: int) -> Iterator[int]:

@@ -17,7 +17,7 @@ EXIT_UNKNOWN_STATE = 7
 EXIT_NOT_ACCEPTED = 8
 
 
-def told(text: str) -> str:
+def clean_text(text: str) -> str:
     """The one place that the words of errors, causes and notes pass; nothing behind it is decided by them."""
     return text
 
@@ -29,7 +29,7 @@ class RigError(Exception):
     slug = "usage"
 
     def __init__(self, message: str) -> None:
-        super().__init__(told(message))
+        super().__init__(clean_text(message))
 
 
 class FileProblem(RigError):
@@ -44,7 +44,7 @@ class FileProblem(RigError):
     def __init__(self, file: str, problems: list[str], slug: str = "") -> None:
         self.file = file
         self.slug = slug or FileProblem.slug
-        self.problems = [told(problem) for problem in problems]
+        self.problems = [clean_text(problem) for problem in problems]
         super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
 
 

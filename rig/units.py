@@ -96,8 +96,8 @@ def parse(text: object, dimension: str) -> float:
     Raises:
         UnitProblem: no unit, an unknown unit, a unit of another dimension, or not a finite number.
     """
-    wanted = DIMENSIONS[dimension]
-    fit = f'{wanted.article} {wanted.name} is written as, for example, "{wanted.example}"'
+    expected = DIMENSIONS[dimension]
+    fit = f'{expected.article} {expected.name} is written as, for example, "{expected.example}"'
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise UnitProblem(f"{fit}, not {_kind(text)}")
     if not isinstance(text, str):

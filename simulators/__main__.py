@@ -138,8 +138,8 @@ async def serve(arguments: dict[str, Any]) -> None:
         sys.stdout.flush()
         click.echo(hints(bench, text), err=True)
         if arguments["run"].faults:
-            told = " ".join(f"--fault {fault}" for fault in arguments["run"].faults)
-            click.echo(f"faults       {told}", err=True)
+            reported = " ".join(f"--fault {fault}" for fault in arguments["run"].faults)
+            click.echo(f"faults       {reported}", err=True)
         try:
             await rig.run()
         finally:
@@ -223,8 +223,8 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
-    asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
-    return {"options": options, "run": run, **asked}
+    settings = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
+    return {"options": options, "run": run, **settings}
 
 
 def _supply(given: str) -> str:

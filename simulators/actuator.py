@@ -240,10 +240,10 @@ class Actuator:
         """The set-point that is followed, or held: m, m/s, when it came and for how long it goes on (s)."""
         if not follows:
             return float(self.plant.state["setpoint_m"][0]), 0.0, self.plant.time_s, 0.0
-        target, speed, told, longest = (
+        target, speed, reported, longest = (
             float(self.plant.command[name][0]) for name in ("target_m", "move_speed_m_s", "told_s", "follow_s")
         )
-        return target, speed, told, longest
+        return target, speed, reported, longest
 
     def write_table(self, index: int, samples: Sequence[float]) -> bool:
         """Put samples of a table waveform in (m about the centre), from the number `index` on.

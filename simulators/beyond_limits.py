@@ -64,10 +64,10 @@ def _span(rig: Faulty, elapsed_s: float) -> None:
     """The amplitude grows until the rod is too fast."""
     command, limits = rig.plant.command, rig.actuator.limits
     amplitude_m, frequency_Hz = float(command["amplitude_m"][0]), float(command["frequency_Hz"][0])
-    wanted_m = FASTEST * limits.speed_max_m_s / (4.0 * frequency_Hz)
-    wanted_m = min(wanted_m, SPAN * max(-limits.position_min_m, limits.position_max_m))
-    if amplitude_m < wanted_m:
-        rig.plant.order(amplitude_m=min(wanted_m, amplitude_m * math.exp(GROWTH_1_S * elapsed_s)))
+    target_m = FASTEST * limits.speed_max_m_s / (4.0 * frequency_Hz)
+    target_m = min(target_m, SPAN * max(-limits.position_min_m, limits.position_max_m))
+    if amplitude_m < target_m:
+        rig.plant.order(amplitude_m=min(target_m, amplitude_m * math.exp(GROWTH_1_S * elapsed_s)))
 
 
 def _offset(rig: Faulty, elapsed_s: float) -> None:

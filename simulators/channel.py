@@ -21,7 +21,7 @@ class Channel:
     port: SensorPort
     column: int
     _unfinished: bytes = field(default=b"", init=False)
-    _asked_once: bool = field(default=False, init=False)
+    _requested_once: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         if self.sensor.requests is not None:
@@ -39,22 +39,22 @@ class Channel:
             end_s: its end.
             speed: of simulated time.
         """
-        waiting, wanted = self.sensor.requests, self.sensor.options.format
-        if waiting is None or isinstance(wanted, str):
+        waiting, layout = self.sensor.requests, self.sensor.options.format
+        if waiting is None or isinstance(layout, str):
             return
-        request = wanted.exchange.request
+        request = layout.exchange.request
         for came_ns, data in self.port.heard():
             *requests, self._unfinished = (self._unfinished + data).split(request)
             self._unfinished = self._unfinished[-len(request) :]
             moment_s = min(end_s, max(start_s, end_s - (now_ns - came_ns) * 1e-9)) if speed == 1.0 else math.nan
             waiting += [moment_s] * len(requests)
-            self._asked_once |= bool(requests)
+            self._requested_once |= bool(requests)
         del waiting[MOST_WAITING:]
 
     @property
     def read_once(self) -> bool:
         """Whether a client has ever asked; the rig's clock may wait for it."""
-        return self._asked_once
+        return self._requested_once
 
     def unread(self) -> int:
         """1 while a sensor that is asked waits for the next request; for whom the rig's clock may wait."""

@@ -174,17 +174,17 @@ class Ecu:
 
     def _drive(self) -> None:
         """What the output stage makes of the set-point, faults included; one that has a least current never gives 0."""
-        wanted_A = self._regulated_A() * self.faults.gain
+        target_A = self._regulated_A() * self.faults.gain
         eta_1_s = self._eta_1_s
         if self.faults.stuck_current:
-            wanted_A = self.plant.value("current_A")
-        if abs(wanted_A) < self.faults.least_A:
-            wanted_A = self.faults.least_A
+            target_A = self.plant.value("current_A")
+        if abs(target_A) < self.faults.least_A:
+            target_A = self.faults.least_A
         if self.faults.full_current:
-            wanted_A = self.options.limit_A
+            target_A = self.options.limit_A
         if self.faults.coil_open:
-            wanted_A, eta_1_s = 0.0, OPEN_ETA_1_S
-        self.plant.order(coil_A=wanted_A)
+            target_A, eta_1_s = 0.0, OPEN_ETA_1_S
+        self.plant.order(coil_A=target_A)
         self.plant.constants["coil_eta_1_s"] = eta_1_s
 
     def _regulated_A(self) -> float:
@@ -206,14 +206,14 @@ class Ecu:
         """
         due: list[Frame] = []
         now_us = self.clock.unwrapped_us(self.plant.time_s)
-        told = self.plant.time_s < self.options.temperatures_until_s
+        sends_temperatures = self.plant.time_s < self.options.temperatures_until_s
         while (at_us := min(self._next_us.values())) <= now_us:
             shown = self._shown(at_us)
             for name, period_us in self.wire.periods_us.items():
                 if self._next_us[name] != at_us:
                     continue
                 self._next_us[name] += period_us
-                if told or name not in self.wire.temperatures:
+                if sends_temperatures or name not in self.wire.temperatures:
                     due.append(self.wire.frame(name, shown))
         return self._damaged(due)
 

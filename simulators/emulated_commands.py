@@ -83,11 +83,11 @@ def preconditions(recipes: Mapping[Command, Recipe]) -> list[Condition]:
 
 def _decides(steps: list[dict[Quantity, Value]]) -> int:
     """The step with which a command is complete."""
-    said = [
+    decided = [
         place for place, step in enumerate(steps)
         if any(value not in OWN if isinstance(value, str) else value != 0 for value in step.values())
     ]
-    return said[-1] if said else len(steps) - 1
+    return decided[-1] if decided else len(steps) - 1
 
 
 class Scripts:

@@ -26,7 +26,7 @@ RATED_mV_V = 2.0
 """What a strain gauge bridge gives at its range."""
 FINEST = 1e6
 """Where the format does not say its unit, its numbers make no more than so many steps of the range."""
-ASKED_RATE_Hz = 100.0
+REQUEST_RATE_Hz = 100.0
 BURST_SHARE = 0.3
 """A line holds back for so much of the time until the next request, at most."""
 OWN = ("signed-decimal", "ascii")
@@ -91,7 +91,7 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     ratio = per_si / options.wire_per_si
     rate_Hz, burst_s = options.rate_Hz, options.burst_s
     if described.exchange.request:
-        rate_Hz = min(rate_Hz, described.nominal_rate_Hz or ASKED_RATE_Hz)
+        rate_Hz = min(rate_Hz, described.nominal_rate_Hz or REQUEST_RATE_Hz)
         burst_s = min(burst_s, BURST_SHARE / rate_Hz)
     return replace(
         options, format=described, described=given, wire_per_si=per_si, wire_zero=zero, range=range_si * per_si,

@@ -14,7 +14,7 @@ from simulators.emulated_codec import raw_of, value_of
 Registers = dict[tuple[str, int], int]
 """Raw numbers by space and first address: a quantity and its bits share one."""
 
-STANDS_FOR: Mapping[State, tuple[State, ...]] = {
+STATES_SHOWN_AS: Mapping[State, tuple[State, ...]] = {
     State.LOW: (State.OFF, State.HOLD), State.OFF: (State.LOW, State.HOLD), State.HOLD: (),
     State.MOVING: (State.RUNNING, State.HOLD), State.RUNNING: (State.MOVING, State.HOLD),
     State.FADING: (State.RUNNING, State.MOVING, State.HOLD), State.HALTING: (State.MOVING, State.RUNNING, State.HOLD),
@@ -63,9 +63,9 @@ class EmulatedStatus:
         return self._map.words.states.known
 
     def _show_state(self, registers: Registers, state: State, pressure: Pressure) -> None:
-        wanted = next((one for one in (state, *STANDS_FOR[state]) if one in self._known), State.HOLD)
+        shown = next((one for one in (state, *STATES_SHOWN_AS[state]) if one in self._known), State.HOLD)
         for rule in self._map.words.states.rules:
-            if rule.state != wanted:
+            if rule.state != shown:
                 if rule.condition is not None and rule.condition.tests:
                     make(registers, rule.condition, holds=False)
                 continue
@@ -75,7 +75,7 @@ class EmulatedStatus:
                 state_register = self._map.quantities["state"]
                 put(registers, state_register, None, self._code(rule.codes, pressure))
             break
-        if wanted is State.TRIPPED:
+        if shown is State.TRIPPED:
             self._show_off_behind_a_trip(registers, pressure)
 
     def _code(self, codes: tuple[int, ...], pressure: Pressure) -> int:
@@ -148,8 +148,8 @@ def _make_test(registers: Registers, test: Test, *, holds: bool) -> None:
 def _candidates(test: Test) -> Iterator[float]:
     """Values with which a test may hold, or not."""
     step = test.quantity.step or 1.0
-    for wanted in test.wanted:
-        number = 0.0 if isinstance(wanted, str) else float(wanted)
+    for value in test.expected:
+        number = 0.0 if isinstance(value, str) else float(value)
         yield from (number, number + step, number - step)
     yield from (0.0, 1.0)
 

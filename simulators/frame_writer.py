@@ -66,7 +66,7 @@ class FrameWriter:
         return stuffed.ljust(self._longest, b"\0") + bytes([len(stuffed)])
 
     def _frame(self, value: float, status: int, sequence: int, stamp_us: int) -> bytes:
-        wanted, fields = self._format, self._format.fields
+        layout, fields = self._format, self._format.fields
         raw: dict[str, float] = {"value": self._raw(value, status)}
         if "status" in fields:
             raw["status"] = self._status(fields["status"], status)
@@ -74,20 +74,20 @@ class FrameWriter:
             raw["sequence"] = sequence
         if "time" in fields:
             raw["time"] = int(stamp_us / fields["time"].scale)
-        if wanted.packed:
+        if layout.packed:
             return self._packed(raw)
-        frame = bytearray(wanted.length)
-        frame[: len(wanted.sync)] = wanted.sync
-        frame[wanted.length - len(wanted.end) :] = wanted.end
+        frame = bytearray(layout.length)
+        frame[: len(layout.sync)] = layout.sync
+        frame[layout.length - len(layout.end) :] = layout.end
         for name, number in raw.items():
             self._put(frame, fields[name], number)
-        if wanted.checksum != "none":
-            first, last = wanted.checksum_over
-            total = total_of(wanted.checksum, bytes(frame[first : last + 1]))
-            size = size_of(wanted.checksum)
+        if layout.checksum != "none":
+            first, last = layout.checksum_over
+            total = total_of(layout.checksum, bytes(frame[first : last + 1]))
+            size = size_of(layout.checksum)
             digits = [total >> 8 * place & 0xFF for place in range(size)]
-            frame[wanted.checksum_at : wanted.checksum_at + size] = bytes(
-                digits if wanted.checksum_order == "little" else digits[::-1]
+            frame[layout.checksum_at : layout.checksum_at + size] = bytes(
+                digits if layout.checksum_order == "little" else digits[::-1]
             )
         return bytes(frame)
 
@@ -130,12 +130,12 @@ class FrameWriter:
 
     def _packed(self, raw: dict[str, float]) -> bytes:
         """The bytes of a packed stream, bit by bit from the last one."""
-        wanted = self._format
+        layout = self._format
         rest = {_LETTERS[name]: int(number) for name, number in raw.items()}
-        frame = [0] * len(wanted.packed)
-        places = range(len(wanted.packed))
-        for at in reversed(places) if wanted.packed_order == "big" else places:
-            for bit, letter in enumerate(reversed(wanted.packed[at])):
+        frame = [0] * len(layout.packed)
+        places = range(len(layout.packed))
+        for at in reversed(places) if layout.packed_order == "big" else places:
+            for bit, letter in enumerate(reversed(layout.packed[at])):
                 digit = int(letter) if letter in "01" else 0
                 if letter in rest:
                     digit, rest[letter] = rest[letter] & 1, rest[letter] >> 1
@@ -144,18 +144,18 @@ class FrameWriter:
 
     def _stuffed(self, frame: bytes) -> bytes:
         """The frame as it goes out: what looks like a sync or an end inside of it is hidden."""
-        wanted = self._format
-        inside = frame[len(wanted.sync) : len(frame) - len(wanted.end)]
-        if wanted.stuffing == "dle":
+        layout = self._format
+        inside = frame[len(layout.sync) : len(frame) - len(layout.end)]
+        if layout.stuffing == "dle":
             inside = inside.replace(bytes([_DLE]), bytes([_DLE, _DLE]))
-        elif wanted.stuffing == "slip":
+        elif layout.stuffing == "slip":
             inside = inside.replace(b"\xdb", b"\xdb\xdd").replace(b"\xc0", b"\xdb\xdc")
         else:
-            hidden = {*wanted.sync, *wanted.end, wanted.escape}
+            hidden = {*layout.sync, *layout.end, layout.escape}
             inside = b"".join(
-                bytes([wanted.escape, byte ^ wanted.escape_xor]) if byte in hidden else bytes([byte]) for byte in inside
+                bytes([layout.escape, byte ^ layout.escape_xor]) if byte in hidden else bytes([byte]) for byte in inside
             )
-        return wanted.sync + inside + wanted.end
+        return layout.sync + inside + layout.end
 
 
 def _whole(binary_format: BinaryFormat) -> tuple[float, float]:

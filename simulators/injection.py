@@ -22,7 +22,7 @@ from simulators.plant import records
 from simulators.plant.motion import envelope
 from simulators.slcan_bus import ERROR, frame_line
 
-FOREIGN_OWNER = 999
+OTHER_OWNER = 999
 SHORT = 8
 """So many bytes a malformed frame has at most."""
 STANDARD_MAX = 0x7FF
@@ -108,7 +108,7 @@ def _watchdog_absent(rig: Faulty) -> None:
 
 def _second_master(rig: Faulty) -> None:
     """Another master takes the lease by force and stops the program it did not start."""
-    rig.actuator.owner = FOREIGN_OWNER
+    rig.actuator.owner = OTHER_OWNER
     rig.actuator.sequence = (rig.actuator.sequence + 1000) % 0xFFFF or 1
     rig.actuator.acked_command = int(Command.ACQUIRE)
     rig.actuator.result = Result.DONE
@@ -178,7 +178,7 @@ def _can_babble(rig: Faulty) -> Undo:
     return _every_tick(rig, babble)
 
 
-def _can_foreign(rig: Faulty) -> Undo:
+def _can_other_sender(rig: Faulty) -> Undo:
     """Another node sends commands with a valid counter and checksum of its own."""
     count = 0
 
@@ -316,7 +316,7 @@ PASSING: dict[str, PassingInjector] = {
     "ecu-crc": _switched(_ecu, "wrong_crc"),
     "can-malformed": _can_malformed,
     "can-babble": _can_babble,
-    "can-foreign": _can_foreign,
+    "can-foreign": _can_other_sender,
     "ecu-overtemp": _switched(_ecu, "over_temperature"),
     "coil-open-short": _switched(_ecu, "coil_open"),
     "current-tracking": _switched(_ecu, "gain", TRACKING_GAIN),

@@ -85,17 +85,17 @@ class LineWriter:
         Raises:
             LocalProtocolError: the value does not fit.
         """
-        wanted, number = self._format, self._number(value)
+        layout, number = self._format, self._number(value)
         if not abs(number) < 1e300:
-            raise LocalProtocolError(f"{wanted.name}: cannot write {value}")
-        digits = "0" * checksum_digits(wanted)
+            raise LocalProtocolError(f"{layout.name}: cannot write {value}")
+        digits = "0" * checksum_digits(layout)
         if self._style is None:
-            shown = number * 10**wanted.decimals
+            shown = number * 10**layout.decimals
             text = self._templated(shown, digits)
         else:
-            sign = wanted.negative_tokens[0] if number < 0 else self._style.plus
-            text = filled(wanted, self._parts, self._style.write(number), sign)
-        return wanted.start + self._summed(text, value).encode("ascii") + wanted.terminator
+            sign = layout.negative_tokens[0] if number < 0 else self._style.plus
+            text = filled(layout, self._parts, self._style.write(number), sign)
+        return layout.start + self._summed(text, value).encode("ascii") + layout.terminator
 
     def _templated(self, shown: float, checksum: str) -> str:
         """The template filled in.
@@ -103,11 +103,11 @@ class LineWriter:
         Raises:
             LocalProtocolError: it asks for something else than value, unit and checksum.
         """
-        wanted = self._format
+        layout = self._format
         try:
-            text = wanted.template.format(value=shown, unit=wanted.unit, checksum=checksum)
+            text = layout.template.format(value=shown, unit=layout.unit, checksum=checksum)
         except (KeyError, IndexError, ValueError, AttributeError) as error:
-            raise LocalProtocolError(f"{wanted.name}: template {wanted.template!r}: {error!r}") from error
+            raise LocalProtocolError(f"{layout.name}: template {layout.template!r}: {error!r}") from error
         return text
 
     def _summed(self, text: str, value: float) -> str:
@@ -116,40 +116,40 @@ class LineWriter:
         Raises:
             LocalProtocolError: the line breaks the pattern.
         """
-        wanted = self._format
-        match = wanted.match(text)
+        layout = self._format
+        match = layout.match(text)
         if match is None:
-            told = f"{value:g} {wanted.unit} does not fit: {text!r} does not match the pattern"
-            raise LocalProtocolError(f"{wanted.name}: {told}")
-        if wanted.checksum == "none":
+            message = f"{value:g} {layout.unit} does not fit: {text!r} does not match the pattern"
+            raise LocalProtocolError(f"{layout.name}: {message}")
+        if layout.checksum == "none":
             return text
         first, last = match.span("checksum")
         covered = text[:first]
-        if wanted.checksum_over is not None:
-            covered = text[wanted.checksum_over[0] - 1 : wanted.checksum_over[1]]
-        elif wanted.checksum_from or wanted.checksum_to:
-            begin = text.index(wanted.checksum_from) + len(wanted.checksum_from) if wanted.checksum_from else 0
-            covered = text[begin : text.rindex(wanted.checksum_to) if wanted.checksum_to else first]
-        kind = wanted.checksum.removesuffix("-hex")
+        if layout.checksum_over is not None:
+            covered = text[layout.checksum_over[0] - 1 : layout.checksum_over[1]]
+        elif layout.checksum_from or layout.checksum_to:
+            begin = text.index(layout.checksum_from) + len(layout.checksum_from) if layout.checksum_from else 0
+            covered = text[begin : text.rindex(layout.checksum_to) if layout.checksum_to else first]
+        kind = layout.checksum.removesuffix("-hex")
         total = reduce(xor, covered.encode(), 0) if kind == "xor" else total_of(kind, covered.encode())
         return f"{text[:first]}{total:0{last - first}X}{text[last:]}"
 
     def _token(self, tokens: tuple[str, ...], meaning: str) -> bytes:
         """The line of zero with the device's word in place of number or status; empty where none fits."""
-        wanted = self._format
-        text = self._line(self._middle).removeprefix(wanted.start).removesuffix(wanted.terminator).decode("ascii")
-        match = wanted.match(text)
+        layout = self._format
+        text = self._line(self._middle).removeprefix(layout.start).removesuffix(layout.terminator).decode("ascii")
+        match = layout.match(text)
         if match is None:
             return b""
-        words = [(group, word) for group, listed in (("value", tokens), ("status", wanted.status)) for word in listed
-                 if group == "value" or wanted.status[word] == meaning]  # fmt: skip
+        words = [(group, word) for group, listed in (("value", tokens), ("status", layout.status)) for word in listed
+                 if group == "value" or layout.status[word] == meaning]  # fmt: skip
         for group, word in words:
             begin, stop = match.span(group)
             room = max(0, stop - begin - len(word))
             for left, right in sorted(product(range(room + 1), repeat=2), key=lambda pads: abs(sum(pads) - room)):
                 tried = f"{text[:begin]}{' ' * left}{word}{' ' * right}{text[stop:]}"
-                if wanted.match(tried) is not None:
-                    return wanted.start + self._summed(tried, 0.0).encode("ascii") + wanted.terminator
+                if layout.match(tried) is not None:
+                    return layout.start + self._summed(tried, 0.0).encode("ascii") + layout.terminator
         return b""
 
     def _noise(self) -> bytes:

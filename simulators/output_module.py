@@ -98,12 +98,12 @@ class SimulatedOutput:
 
     def read(self, address: int, count: int, space: str = "holding") -> list[int] | None:
         """Words from `address`; None when one of them is not there."""
-        asked = [(space, at) for at in range(address, address + count)]
-        if not self._there.issuperset(asked):
+        cells = [(space, at) for at in range(address, address + count)]
+        if not self._there.issuperset(cells):
             return None
         self._hear("")
         shown = self._cells | self._live()
-        return [shown.get(cell, 0) for cell in asked]
+        return [shown.get(cell, 0) for cell in cells]
 
     def write(self, address: int, words: Sequence[int], space: str = "holding") -> bool | None:
         """Take a write; None when something of it cannot be written there."""
@@ -119,7 +119,7 @@ class SimulatedOutput:
             if self._output.watchdog is not None and one.name in _names(self._output.watchdog.stop):
                 self._watching = False
         if {one.name for one in written} & {CURRENT, ENABLE}:
-            if self.ecu.fault_bits & SourceFault.RESTARTED and self._wanted_A() == 0.0:
+            if self.ecu.fault_bits & SourceFault.RESTARTED and self._target_A() == 0.0:
                 self.ecu.fault_bits = 0
             self._drive()
         return True
@@ -133,19 +133,19 @@ class SimulatedOutput:
 
     @property
     def _is_on(self) -> bool:
-        return self._wanted_A() != 0.0
+        return self._target_A() != 0.0
 
-    def _wanted_A(self) -> float:
+    def _target_A(self) -> float:
         """What is asked of the amplifier; a register that was not written gives nothing."""
         enable, current = self._output.quantities.get(ENABLE), self._output.current
         if (current.space, current.address) not in self._cells or (enable is not None and not self._raw(enable)):
             return 0.0
-        wanted_A = value_of(current, self._raw(current))
-        return 0.0 if abs(wanted_A) < current.step else wanted_A
+        target_A = value_of(current, self._raw(current))
+        return 0.0 if abs(target_A) < current.step else target_A
 
     def _drive(self) -> None:
-        wanted_A = self._wanted_A()
-        self.ecu.obey(wanted_A, enable=wanted_A != 0.0, clear_faults=wanted_A == 0.0)
+        target_A = self._target_A()
+        self.ecu.obey(target_A, enable=target_A != 0.0, clear_faults=target_A == 0.0)
 
     def _live(self) -> dict[tuple[str, int], int]:
         """What the module shows of itself now."""
@@ -157,7 +157,7 @@ class SimulatedOutput:
             self._put(cells, measured, raw_of(measured, shown_A))
         if (current.space, current.address) not in self._cells:
             self._put(cells, current, raw_of(current, 0.0))
-        for name, value in self._said():
+        for name, value in self._identity():
             one = output.quantities[name]
             if one.type == "string":
                 words = text_words(one, str(value))
@@ -167,7 +167,7 @@ class SimulatedOutput:
         self._show_faults(cells)
         return cells
 
-    def _said(self) -> Iterator[tuple[str, str | float]]:
+    def _identity(self) -> Iterator[tuple[str, str | float]]:
         """Who it says it is."""
         expected, quantities = self._output.expected, self._output.quantities
         own: dict[str, str | float] = {

@@ -180,10 +180,10 @@ class RegisterBank:
     def _take_counters(self, touched: Iterable[Quantity]) -> None:
         """Food for the watchdog, and set-points."""
         for quantity in touched:
-            said = self._setpoints.get(quantity.name)
-            if quantity.name in self._feeds or said == "$counter":
+            setpoint = self._setpoints.get(quantity.name)
+            if quantity.name in self._feeds or setpoint == "$counter":
                 self._feed(self._raw(quantity), constant=not isinstance(self._feeds.get(quantity.name, "$"), str))
-            if said == "$position":
+            if setpoint == "$position":
                 if not self._feeds and self._map.capabilities.watchdog is WatchdogKind.TIMEOUT:
                     self._feed(0, constant=True)
                 self._follow_position(value_of(quantity, self._raw(quantity)))
@@ -416,8 +416,8 @@ def registers_of(actuator: Actuator, options: RigOptions, random: np.random.Gene
 
 def _resolved(test: Test, given: dict[str, float]) -> Test:
     """A test with a recipe's values put in."""
-    wanted = tuple(given.get(one[1:], 0) if isinstance(one, str) else one for one in test.wanted)
-    return replace(test, wanted=wanted)
+    expected = tuple(given.get(one[1:], 0) if isinstance(one, str) else one for one in test.expected)
+    return replace(test, expected=expected)
 
 
 def _measured(quantity: Quantity, shown: Mapping[str, float]) -> int:

@@ -162,8 +162,8 @@ class SimulatedRig:
         kind, options = self.run_options.ports, self.options
         self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
         self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
-        alike = (options.auxiliary,) * self.run_options.auxiliary
-        for number, auxiliary in enumerate(self.run_options.auxiliaries or alike, start=1):
+        auxiliaries = (options.auxiliary,) * self.run_options.auxiliary
+        for number, auxiliary in enumerate(self.run_options.auxiliaries or auxiliaries, start=1):
             self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]

@@ -80,13 +80,13 @@ def check_source(faults: Iterable[ScheduledFault], *, supply: bool) -> None:
     Raises:
         FileProblem: each is named.
     """
-    foreign = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
-    wrong = [fault.name for fault in faults if fault.name in foreign]
+    excluded = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
+    wrong = [fault.name for fault in faults if fault.name in excluded]
     if wrong:
-        told = "requires a power supply as the current source. Fix: add --supply generic-scpi, or specify your own file"
+        text = "requires a power supply as the current source. Fix: add --supply generic-scpi, or specify your own file"
         if supply:
-            told = "requires an ECU on CAN as the current source, not --supply"
-        raise FileProblem("--fault", [f"{name!r} {told}" for name in wrong])
+            text = "requires an ECU on CAN as the current source, not --supply"
+        raise FileProblem("--fault", [f"{name!r} {text}" for name in wrong])
 
 
 def parse_fault(text: str) -> ScheduledFault:
@@ -155,11 +155,11 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
     Raises:
         FileProblem: a fault cannot happen on these wires.
     """
-    wanted = {fault.slug: ONLY_ON[fault.slug] for fault in faults if fault.slug in ONLY_ON}
-    needed = set(wanted.values())
+    links = {fault.slug: ONLY_ON[fault.slug] for fault in faults if fault.slug in ONLY_ON}
+    needed = set(links.values())
     controller = next((kind for kind in ("rtu", STREAMED) if kind in needed), "tcp")
     wiring = Wiring(actuator or controller, ports or (BY_ID if BY_ID in needed else "pty"))
-    for slug, kind in wanted.items():
+    for slug, kind in links.items():
         if kind not in wiring.kinds:
             option = f"--ports {kind}" if kind == BY_ID else f"--actuator {kind}"
             raise FileProblem("--fault", [f"{slug!r} requires {option}; got {wiring}"])
@@ -179,8 +179,8 @@ def drawn_faults(
     """
     chance = random.Random(seed)
     possible = [slug for slug in INJECTORS if ONLY_ON.get(slug) is None or ONLY_ON[slug] in kinds]
-    foreign = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
-    possible = [slug for slug in possible if slug not in foreign]
+    excluded = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
+    possible = [slug for slug in possible if slug not in excluded]
     slugs = chance.sample(sorted(possible), chance.randint(1, MOST_DRAWN))
     faults = (drawn_fault(slug, chance, within_s) for slug in slugs)
     kept = (replace(f, variant="") if supply and f.name in ONLY_BY_ECU else f for f in faults)

@@ -134,16 +134,16 @@ class Sensor:
 
     def _instants(self, end_s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Draws (n, 2), device clock (us), nominal and true times (s), each (n,), of the slice's samples."""
-        first, clock, asked = self._tick, self.clock, self.requests
-        if asked and math.isfinite(asked[0]):
-            times_s = np.array(asked)
-            asked.clear()
+        first, clock, requests = self._tick, self.clock, self.requests
+        if requests and math.isfinite(requests[0]):
+            times_s = np.array(requests)
+            requests.clear()
             draws = self._random.standard_normal((len(times_s), 2))
             return draws, np.array([clock.unwrapped_us(time_s) for time_s in times_s]), times_s, times_s
         count = self._count_due(end_s)
-        if asked is not None:
-            first, count = first + max(0, count - len(asked)), min(count, len(asked))
-            del asked[:count]
+        if requests is not None:
+            first, count = first + max(0, count - len(requests)), min(count, len(requests))
+            del requests[:count]
         draws = self._random.standard_normal((count, 2))
         clocks = np.empty((3, count))
         sampling(first, self._period_us, clock.offset_us, 1e6 + clock.ppm, self.options.jitter_s, draws, clocks)

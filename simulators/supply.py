@@ -68,7 +68,7 @@ def text_like(pattern: str) -> str:
     return re.sub(r"\\([^\w])", r"\1", pattern.strip("^$")).replace(r"\s*", "").replace(r"\s+", " ").split("|")[0]
 
 
-def _asked(answer: Callable[[], str]) -> Callable[[dict[str, float]], str | None]:
+def _query(answer: Callable[[], str]) -> Callable[[dict[str, float]], str | None]:
     return lambda _: answer()
 
 
@@ -156,7 +156,7 @@ class SimulatedSupply:
 
     def _meanings_of(self) -> Iterator[_Meaning]:
         commands, watchdog = self.described.commands, self.described.watchdog
-        asked: list[tuple[tuple[Command, ...], Callable[[], str]]] = [
+        queries: list[tuple[tuple[Command, ...], Callable[[], str]]] = [
             (commands.identify, lambda: self.identity),
             (commands.measure_current, lambda: number_like(self._measured_A(), self.described.current)),
             (commands.measure_voltage, lambda: number_like(self._volts(), self.described.voltage)),
@@ -164,9 +164,9 @@ class SimulatedSupply:
             (commands.error_queue, lambda: self._errors.popleft() if self._errors else self._no_error),
             (commands.read_faults, lambda: f"{self._fault_bits()}"),
         ]
-        for questions, answer in asked:
-            yield from (_Meaning(pattern_of(question.text), _asked(answer)) for question in questions)
-        told: list[tuple[tuple[Command, ...], Callable[[dict[str, float]], None]]] = [
+        for questions, answer in queries:
+            yield from (_Meaning(pattern_of(question.text), _query(answer)) for question in questions)
+        settings: list[tuple[tuple[Command, ...], Callable[[dict[str, float]], None]]] = [
             (commands.set_current, self._set_current),
             (commands.set_voltage_limit, self._set_limit),
             (commands.output_on, lambda _: self._switch(on=True)),
@@ -175,9 +175,9 @@ class SimulatedSupply:
             ((*commands.connect, *commands.remote, *commands.local, *commands.prepare), lambda _: None),
         ]
         if watchdog is not None:
-            told += [(watchdog.start, lambda _: self._watch(True)), (watchdog.stop, lambda _: self._watch(False)),
+            settings += [(watchdog.start, lambda _: self._watch(True)), (watchdog.stop, lambda _: self._watch(False)),
                      (watchdog.feed, lambda _: None)]  # fmt: skip
-        for orders, do in told:
+        for orders, do in settings:
             yield from (_Meaning(pattern_of(order.text), do) for order in orders)
 
     def _watch(self, watching: bool) -> None:
@@ -263,14 +263,14 @@ class SupplyClient(asyncio.Protocol):
         supply, faults = self._supply, self._supply.ecu.faults
         answer = supply.line(line)
         link = supply.described.link
-        said = [line] if link.echo else []
+        replies = [line] if link.echo else []
         if answer is not None:
-            said.append(answer.translate(GARBLED) if faults.wrong_crc else answer)
+            replies.append(answer.translate(GARBLED) if faults.wrong_crc else answer)
         elif link.acknowledge:
-            said.append(text_like(link.acknowledge.text))
-        if faults.silent or not said:
+            replies.append(text_like(link.acknowledge.text))
+        if faults.silent or not replies:
             return
-        data = b"".join(text.encode("ascii", "replace") + link.terminator.encode("ascii") for text in said)
+        data = b"".join(text.encode("ascii", "replace") + link.terminator.encode("ascii") for text in replies)
         if faults.late:
             asyncio.get_running_loop().call_later(LATE_S, self._write, data)
         else:

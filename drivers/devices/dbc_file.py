@@ -111,12 +111,12 @@ def _check_sizes(text: str) -> None:
     """
     for number, line in enumerate(text.splitlines(), start=1):
         if (match := _SIZE.match(line)) is not None and _beyond(match[1], LONGEST_MESSAGE):
-            said = f"a message has at most {LONGEST_MESSAGE} bytes"
+            message = f"a message has at most {LONGEST_MESSAGE} bytes"
         elif (match := _BITS.match(line)) is not None and any(_beyond(one, MOST_BITS) for one in match.groups()):
-            said = f"a signal must lie within the first {MOST_BITS} bits of its message"
+            message = f"a signal must lie within the first {MOST_BITS} bits of its message"
         else:
             continue
-        raise LocalProtocolError(f"line {number}: {line.strip()!r:.80}: {said}")
+        raise LocalProtocolError(f"line {number}: {line.strip()!r:.80}: {message}")
 
 
 def _beyond(digits: str, largest: int) -> bool:

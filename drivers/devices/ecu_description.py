@@ -123,12 +123,12 @@ class EcuDescription:
         return frozenset(role for message in self.heard.values() for role in message.roles)
 
     @cached_property
-    def told_faults(self) -> int:
+    def reported_faults(self) -> int:
         """The neutral faults that it can tell."""
-        told = 0
+        bits = 0
         for fault in (*self.fault_bits.values(), *(signal.fault for signal in self.fault_signals)):
-            told |= fault
-        return told
+            bits |= fault
+        return bits
 
     @property
     def fd(self) -> bool:
@@ -150,9 +150,9 @@ class EcuDescription:
             rest &= ~bit
             if word & bit:
                 faults |= meaning
-        for told in self.fault_signals:
-            if told.field in values and told.holds(values[told.field]):
-                faults |= told.fault
-                if told.field == FAULTS:
+        for signal in self.fault_signals:
+            if signal.field in values and signal.holds(values[signal.field]):
+                faults |= signal.fault
+                if signal.field == FAULTS:
                     rest = 0
         return faults | rest & ~_TAKEN | (rest & _TAKEN) << UNNAMED_BITS

@@ -252,15 +252,15 @@ class _Roles:
 
     def _heard(self, protections: Mapping[str, Protection], periods: Mapping[str, float]) -> dict[int, HeardMessage]:
         """The messages that are read, each with what is wanted of it."""
-        wanted: dict[str, dict[str, Placed]] = {}
+        placed: dict[str, dict[str, Placed]] = {}
         for role, named in self._found.items():
             if role not in SENT_ROLES:
                 plain = role not in MEASURED or role == CLOCK
-                wanted.setdefault(named.message.name, {})[role] = named.placed(plain=plain)
+                placed.setdefault(named.message.name, {})[role] = named.placed(plain=plain)
         for field, named, _, _ in self._fault_signals:
-            wanted.setdefault(named.message.name, {})[field] = named.placed(plain=True)
+            placed.setdefault(named.message.name, {})[field] = named.placed(plain=True)
         heard: dict[int, HeardMessage] = {}
-        for name, fields in wanted.items():
+        for name, fields in placed.items():
             message = self._reading.messages[name]
             protection = protections.get(name, Protection())
             self._overlaps(message, fields, protection)
@@ -297,11 +297,11 @@ class _Roles:
         for name in sorted(used | sent):
             message = self._reading.messages[name]
             if message.size not in FD_LENGTHS:
-                said = f"{name} has {message.size} bytes; a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64"
-                self._reading.wrong((), said, message.line)
+                refusal = f"{name} has {message.size} bytes; a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64"
+                self._reading.wrong((), refusal, message.line)
             if (owner := owners.setdefault(_key(message), name)) != name:
-                said = f"{owner} and {name} have the same identifier, 0x{message.identifier:X}"
-                self._reading.wrong((), said, message.line)
+                refusal = f"{owner} and {name} have the same identifier, 0x{message.identifier:X}"
+                self._reading.wrong((), refusal, message.line)
 
     def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:
         """Periods as stated; the usual one if none is stated."""
@@ -313,14 +313,14 @@ class _Roles:
         )
 
     def _signals(self) -> dict[str, tuple[str, Signal]]:
-        told = {field: named for field, named, _, _ in self._fault_signals}
-        return {role: (named.message.name, named.signal) for role, named in (self._found | told).items()}
+        signals = {field: named for field, named, _, _ in self._fault_signals}
+        return {role: (named.message.name, named.signal) for role, named in (self._found | signals).items()}
 
     def _pages(self) -> dict[str, list[dict[str, int]]]:
         """The pages of heard messages on which a role is; one that another contains is none of its own."""
         pages: dict[str, list[dict[str, int]]] = {}
-        told = [named for role, named in self._found.items() if role not in SENT_ROLES]
-        for named in (*told, *(named for _, named, _, _ in self._fault_signals)):
+        received = [named for role, named in self._found.items() if role not in SENT_ROLES]
+        for named in (*received, *(named for _, named, _, _ in self._fault_signals)):
             page = {multiplexer.name: min(numbers) for multiplexer, numbers in named.given.pages}
             if page and page not in pages.setdefault(named.message.name, []):
                 pages[named.message.name].append(page)

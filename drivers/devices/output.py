@@ -76,13 +76,13 @@ class AnalogueOutput:
     def status(self) -> tuple[Read, ...]:
         """What is read at every poll; something at least, by which it is heard at all."""
         names = [name for name in (CURRENT, MEASURED, ENABLE, FAULT_BITS) if name in self.quantities]
-        wanted = {self.quantities[name] for name in names if self.quantities[name].read} | self.faults.quantities
-        if not wanted:
-            wanted = {one for one in self.quantities.values() if one.read and one.type != "string"}
-        return reads(wanted or self.quantities.values(), self.rules)
+        quantities = {self.quantities[name] for name in names if self.quantities[name].read} | self.faults.quantities
+        if not quantities:
+            quantities = {one for one in self.quantities.values() if one.read and one.type != "string"}
+        return reads(quantities or self.quantities.values(), self.rules)
 
 
-def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
+def output_missing(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
     """What an output can do: a name, whether it can, and what is left without it, in words."""
     return (
         ("timeout", output.watchdog is not None,

@@ -139,8 +139,8 @@ def _fits(reading: Reading, message: DbcMessage, profile: str, checksum: Signal,
         reading.wrong((*place, "crc"), f"{profile} requires a checksum of {bits} bits in whole bytes{order}; "
                       f"{checksum.name} has {checksum.length} bits from bit {checksum.start}")  # fmt: skip
     if counter.length != count_bits:
-        said = f"{profile} requires a counter of {count_bits} bits; {counter.name} has {counter.length} bits"
-        reading.wrong((*place, "counter"), said)
+        text = f"{profile} requires a counter of {count_bits} bits; {counter.name} has {counter.length} bits"
+        reading.wrong((*place, "counter"), text)
     if profile == "e2e-2" and bytes_of != range(1):
         reading.wrong((*place, "crc"), "e2e-2 requires the checksum in byte 0")
     return len(reading.problems) == before

@@ -134,8 +134,8 @@ class Reading:
             self.wrong(place, f"{signal.name} has no value named {value!r}; {known}")
             return None
         if not isinstance(value, int):
-            said = f"must be a raw integer, or the name of a value of {signal.name} in quotes"
-            self.wrong(place, said)
+            text = f"must be a raw integer, or the name of a value of {signal.name} in quotes"
+            self.wrong(place, text)
             return None
         if not signal.low <= value <= signal.high:
             self.wrong(place, f"the raw range of {signal.name} is {signal.low:g} to {signal.high:g}")
@@ -173,9 +173,9 @@ class Reading:
         elif unit == "" and dimension in {"temperature", "voltage"}:
             factor, offset = 1.0, 0.0
         else:
-            said = f"is in {unit!r}" if unit else "has no unit in the DBC file"
+            text = f"is in {unit!r}" if unit else "has no unit in the DBC file"
             known_units = ", ".join((*units, *(SHARES[:1] if dimension == "current" else ())))
-            self.wrong(place, f'{signal.name} {said}; allowed: {known_units}. Fix: write {{signal = "...", unit = '
+            self.wrong(place, f'{signal.name} {text}; allowed: {known_units}. Fix: write {{signal = "...", unit = '
                 f'"..."}}')
             return None
         converted = replace(signal, scale=signal.scale * factor, offset=signal.offset * factor + offset, unit=base)

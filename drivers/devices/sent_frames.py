@@ -87,10 +87,10 @@ def _pages(message: DbcMessage, roles: Mapping[str, Found], constants: Mapping[s
 
     What is on all pages asks for none; a constant multiplexer with nothing below it is a page of its own.
     """
-    wanted = [message.signals[named.signal.name] for named in roles.values()]
-    wanted += [message.signals[name] for name in constants]
+    signals = [message.signals[named.signal.name] for named in roles.values()]
+    signals += [message.signals[name] for name in constants]
     pages: list[Page] = []
-    for given in wanted:
+    for given in signals:
         if given.pages:
             page = [
                 (multiplexer.name, stated if (stated := constants.get(multiplexer.name)) in numbers else min(numbers))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.current_source import SourceIdentity
-from drivers.devices.output import AnalogueOutput, output_lacks
+from drivers.devices.output import AnalogueOutput, output_missing
 from protocols.patterns import Pattern
 from protocols.scpi import Command
 
@@ -166,14 +166,14 @@ def identity_of(answer: str) -> SourceIdentity:
     return SourceIdentity(serial_number, firmware, 0)
 
 
-def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
+def supply_missing(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
     """What a supply cannot do, and what is left without it: a name, and words for people."""
     untried = (
         f"the supply's description is {described.tried}: it was written from the manufacturer's manual and has "
         "not been tested on a supply"
     )
     if described.output is not None:
-        own = (*output_lacks(described.output), ("trial", not described.tried, untried))
+        own = (*output_missing(described.output), ("trial", not described.tried, untried))
         return tuple((name, text) for name, has, text in own if not has)
     without = {
         "timeout": (

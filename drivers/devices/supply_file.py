@@ -62,7 +62,7 @@ def read_supply(given: Mapping[str, Any]) -> tuple[SupplyDescription | None, lis
         problems.append((("commands", "read_faults"), "the answer contains bits whose meaning is not defined. Fix: "
             "define the bits "
             "under [faults]"))
-    problems += _lacking(commands, current_A, voltage_V)
+    problems += _missing(commands, current_A, voltage_V)
     if problems:
         return None, problems
     return SupplyDescription(
@@ -106,12 +106,12 @@ def _commands(given: Mapping[str, Any], problems: list[Problem]) -> SupplyComman
 
 def _unfit(name: str, sent: Commands) -> Iterator[str]:
     """Whether commands carry the number they are for, and no other, and answer where they must."""
-    wanted = _CARRIES.get(name)
+    allowed = _CARRIES.get(name)
     carried = frozenset[str]().union(*(command.quantities for command in sent))
-    if wanted and sent and wanted not in carried:
-        unit = "current_A" if wanted == "current" else "voltage_V"
-        yield f'does not contain the {wanted}; write, for example, "... {{{unit}:.3f}}"'
-    if extra := carried - {wanted}:
+    if allowed and sent and allowed not in carried:
+        unit = "current_A" if allowed == "current" else "voltage_V"
+        yield f'does not contain the {allowed}; write, for example, "... {{{unit}:.3f}}"'
+    if extra := carried - {allowed}:
         yield f"contains {' and '.join(sorted(extra))}, which is not allowed here"
     if name in _QUERIES and len(sent) != 1:
         yield "must be a single command, because its answer is read"
@@ -168,7 +168,7 @@ def _preset(name: str) -> SupplyDescription:
     return supply({"name": name, **tomllib.loads((FOLDER / f"{name}{ENDING}").read_text(encoding="utf-8"))})
 
 
-def _lacking(
+def _missing(
     commands: SupplyCommands, current_A: tuple[float, float], voltage_V: tuple[float, float] | None
 ) -> Iterator[Problem]:
     """What nothing can be run without."""

@@ -19,13 +19,13 @@ class Test:
     Attributes:
         quantity: what is looked at.
         comparison: one of `COMPARISONS`.
-        wanted: numbers (SI), or the names of a recipe's values with their "$"; one but for "one_of".
+        expected: numbers (SI), or the names of a recipe's values with their "$"; one but for "one_of".
         bit: of the quantity's whole number; None: all of it.
     """
 
     quantity: Quantity
     comparison: str = "not_equals"
-    wanted: tuple[Value, ...] = (0,)
+    expected: tuple[Value, ...] = (0,)
     bit: int | None = None
 
     def holds(self, values: Values, given: Values) -> bool:
@@ -38,14 +38,14 @@ class Test:
         shown = values[self.quantity.name]
         if self.bit is not None:
             shown = int(shown) >> self.bit & 1
-        wanted = [given[name[1:]] if isinstance(name, str) else name for name in self.wanted]
-        first, step = wanted[0], self.quantity.step if self.bit is None else 1.0
+        requested = [given[name[1:]] if isinstance(name, str) else name for name in self.expected]
+        first, step = requested[0], self.quantity.step if self.bit is None else 1.0
         if self.comparison == "at_least":
             return float(shown) >= float(first)
         if self.comparison == "at_most":
             return float(shown) <= float(first)
-        alike = any(same(shown, one, 0.0 if self.quantity.whole else step) for one in wanted)
-        return alike is (self.comparison != "not_equals")
+        equal = any(same(shown, one, 0.0 if self.quantity.whole else step) for one in requested)
+        return equal is (self.comparison != "not_equals")
 
 
 @dataclass(frozen=True)

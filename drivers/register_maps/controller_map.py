@@ -307,17 +307,17 @@ class ControllerMap:
                 problems.append(str(error))
         return problems
 
-    def held_limits(self, values: Values, wanted: ActuatorLimits | None) -> ActuatorLimits:
+    def held_limits(self, values: Values, limits: ActuatorLimits | None) -> ActuatorLimits:
         """The limits that the device shows; those that it shows as well as it can are as wanted.
 
         Args:
             values: what the limits' quantities show (SI).
-            wanted: what was written; None: nothing yet, what the device does not hold is NaN.
+            limits: what was written; None: nothing yet, what the device does not hold is NaN.
         """
         held: dict[str, float] = dict.fromkeys(ActuatorLimits.__dataclass_fields__, math.nan)
         written: dict[Quantity, Value] = {}
-        if wanted is not None:
-            held, written = asdict(wanted), self.limit_values(wanted)
+        if limits is not None:
+            held, written = asdict(limits), self.limit_values(limits)
         for quantity in self.limits:
             shown = values[quantity.name]
             if quantity not in written or not same(shown, written[quantity], quantity.step):

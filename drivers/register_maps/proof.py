@@ -24,33 +24,33 @@ def unproved(
         values: what its identity shows.
         answers: the words that these were made of.
     """
-    told: list[str] = []
+    problems: list[str] = []
     fixes: list[str] = []
     right: list[str] = []
     held = {quantity.name: (quantity, read, words) for read, words in answers for quantity in read.quantities}
-    for name, wanted in controller.expected.items():
+    for name, value in controller.expected.items():
         quantity, read, words = held[name]
-        if not same(values[name], wanted, 0.0 if quantity.whole else quantity.step):
+        if not same(values[name], value, 0.0 if quantity.whole else quantity.step):
             own = words[quantity.address - read.address : quantity.end - read.address]
-            told.append(f"{name} {_shown(values[name])}, expected {_shown(wanted)}")
-            fixes.append(_fitting(quantity, own, wanted))
-            right.append(f"{name} {wanted}" if fixes[-1] else "")
-    if not told:
+            problems.append(f"{name} {_shown(values[name])}, expected {_shown(value)}")
+            fixes.append(_fitting(quantity, own, value))
+            right.append(f"{name} {value}" if fixes[-1] else "")
+    if not problems:
         return "", ""
     fix = next((fix for fix in fixes if fix), "")
     read_right = ", ".join(one for one, how in zip(right, fixes, strict=True) if how == fix)
     why = f"with {fix}, the same words read {read_right}, as expected"
     why = why if fix else "the word order, scale, layout or device is wrong"
-    return f"{', '.join(told)}; {why}", f"write {fix} in the register map" if fix else ""
+    return f"{', '.join(problems)}; {why}", f"write {fix} in the register map" if fix else ""
 
 
-def _fitting(quantity: Quantity, words: Sequence[int], wanted: Value) -> str:
+def _fitting(quantity: Quantity, words: Sequence[int], expected: Value) -> str:
     """The word and byte order in which the value would be right; empty where there is none."""
     for words_order in (quantity.word_order, OTHER[quantity.word_order]):
         for bytes_order in (quantity.byte_order, OTHER[quantity.byte_order]):
             turned = replace(quantity, word_order=words_order, byte_order=bytes_order)
             try:
-                fits = same(turned.decode(words), wanted, 0.0 if quantity.whole else quantity.step)
+                fits = same(turned.decode(words), expected, 0.0 if quantity.whole else quantity.step)
             except RemoteProtocolError:
                 fits = False
             if fits:

@@ -201,10 +201,10 @@ class Quantity:
         return LocalProtocolError(f"{self.name!r} ({self.type} at {self.address}) cannot hold {value!r}: {why}")
 
 
-def same(shown: Value, wanted: Value, step: float = 0.0) -> bool:
+def same(shown: Value, expected: Value, step: float = 0.0) -> bool:
     """Whether a register shows a value, as well as it can; a whole number is that number or another one."""
-    if isinstance(shown, str) or isinstance(wanted, str):
-        return str(shown) == str(wanted)
+    if isinstance(shown, str) or isinstance(expected, str):
+        return str(shown) == str(expected)
     if isinstance(shown, int):
-        return shown == wanted
-    return abs(shown - wanted) <= max(0.5000001 * step, 1e-6 * abs(wanted))
+        return shown == expected
+    return abs(shown - expected) <= max(0.5000001 * step, 1e-6 * abs(expected))

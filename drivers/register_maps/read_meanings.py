@@ -54,8 +54,8 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
         table.add(None, f"got several comparisons: {', '.join(given)}. Fix: write several conditions as a list")
     if not given:
         return Test(quantity, "not_equals", (0,), bit)
-    wanted = listed(table.get(given[0]))
-    values = [number_of(table, given[0], one, quantity if bit is None else None, names) for one in wanted]
+    requested = listed(table.get(given[0]))
+    values = [number_of(table, given[0], one, quantity if bit is None else None, names) for one in requested]
     return Test(quantity, given[0], tuple(values), bit)
 
 

@@ -156,11 +156,11 @@ def _check(quantity: Quantity, entry: Table) -> None:
         entry.add("type", "a string cannot have a scale, an offset or a unit")
     _check_type(quantity, entry)
     name = quantity.name
-    wanted = ROLES.get(name) or LIMITS.get(name) or ""
+    expected_unit = ROLES.get(name) or LIMITS.get(name) or ""
     given = measures(entry)
-    if wanted and given and given != wanted:
-        known = [name for name, unit in UNITS.items() if unit.dimension == wanted]
-        entry.add("unit", f"{name} is a {wanted}; its unit must be one of {', '.join(known)}")
+    if expected_unit and given and given != expected_unit:
+        known = [name for name, unit in UNITS.items() if unit.dimension == expected_unit]
+        entry.add("unit", f"{name} is a {expected_unit}; its unit must be one of {', '.join(known)}")
     if name in ROLES and not quantity.read:
         entry.add("access", f"{name} is part of the status and must be readable")
     if name in LIMITS and not (quantity.read and quantity.written):

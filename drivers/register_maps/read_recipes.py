@@ -145,9 +145,9 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
 
 
 def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None:
-    wanted = MEASURES.get(name, "")
-    if wanted and quantity.measures and quantity.measures != wanted:
-        written.add(key, f"${name} is a {wanted}, but {quantity.name} is a {quantity.measures} according to its unit")
+    unit_due = MEASURES.get(name, "")
+    if unit_due and quantity.measures and quantity.measures != unit_due:
+        written.add(key, f"${name} is a {unit_due}, but {quantity.name} is a {quantity.measures} according to its unit")
     if name in COUNTS:
         low, high = COUNTS[name]
         if quantity.type == "string" or not all(map(quantity.holds, (low, low + 1, high))) or quantity.step > 1.0:

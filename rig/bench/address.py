@@ -182,8 +182,8 @@ def can_interface(text: str) -> str:
         return text
     folded = text.casefold()
     hint = folded if folded in known else _MAKERS.get(folded) or _close(folded, known)
-    said = f'did you mean "{hint}"? ' if hint else ""
-    raise ValueError(f"unknown python-can interface; {said}known: {', '.join(known)}")
+    hint_text = f'did you mean "{hint}"? ' if hint else ""
+    raise ValueError(f"unknown python-can interface; {hint_text}known: {', '.join(known)}")
 
 
 def _host_and_port(text: str, example: str) -> None:

@@ -213,11 +213,11 @@ class Bench(Section):
         """The pressure while the operator is at the supply."""
         if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
             return []
-        told = (
+        message = (
             'the controller has no command to switch the pressure off. Fix: write pressure_while_asked = "on" if a '
             "person at the supply cannot reach the rod, or use a register map with commands for the hydraulics"
         )
-        return [(("ecu", "pressure_while_asked"), told)]
+        return [(("ecu", "pressure_while_asked"), message)]
 
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
@@ -235,9 +235,9 @@ class Bench(Section):
 
     def _ecu_periods(self) -> list[Problem]:
         """Of a current controller on CAN; those of a supply are its own entries'."""
-        told = 2.0 * current_source_period_s(*self.ecu.described_source) / self.clock.device_rate
-        asked = 2.0 * self.ecu.command_period_s
-        for shortest, what in ((asked, "status frames"), (told, "update periods of the measured current")):
+        status_s = 2.0 * current_source_period_s(*self.ecu.described_source) / self.clock.device_rate
+        command_s = 2.0 * self.ecu.command_period_s
+        for shortest, what in ((command_s, "status frames"), (status_s, "update periods of the measured current")):
             if self.ecu.stale_after_s < shortest:
                 message = f"is shorter than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]

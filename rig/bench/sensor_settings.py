@@ -142,9 +142,9 @@ class Calibration(Settings):
         for name in ("sensitivity", "offset"):
             if ways and getattr(self, name) != (1.0 if name == "sensitivity" else None):
                 yield (name,), f"cannot be combined with {ways[0]}. Fix: keep only one of the two"
-        for name, wanted in (("capacity", "rated_output"), ("zero", "rated_output"), ("rated_output", "capacity")):
-            if getattr(self, name) is not None and getattr(self, wanted) is None:
-                yield (name,), f"requires {wanted}"
+        for name, needed in (("capacity", "rated_output"), ("zero", "rated_output"), ("rated_output", "capacity")):
+            if getattr(self, name) is not None and getattr(self, needed) is None:
+                yield (name,), f"requires {needed}"
         try:
             slope, _ = self.line(dimension)
         except units.UnitProblem as problem:
@@ -284,11 +284,11 @@ class SensorConfig(Settings):
             if known.dimension == self.dimension:
                 yield ("sensitivity",), f"the format's unit is {unit}; write sensitivity = {known.scale!r}"
             else:
-                told = (
+                message = (
                     f"the format's unit is {unit}, which is not a unit of {self.dimension}. Fix: specify a "
                     "sensitivity"
                 )
-                yield ("sensitivity",), told
+                yield ("sensitivity",), message
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
-from rig.campaign.kept_files import keep_bench
+from rig.campaign.file_copies import keep_bench
 from rig.campaign.live_link import LiveLink
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.manual_current import check_manual_current, manual_current_of
@@ -85,7 +85,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
         folder = log.path.parent
         if live is not None:
-            ends.enter_context(live.told_of(log))
+            ends.enter_context(live.following(log))
         stock = _stock(folder, options, matrix, log, shown)
         if not stock.remaining:
             return _nothing_left(folder, matrix, stock)

@@ -41,7 +41,7 @@ class LiveDisplay:
         self._standing = standing
         self._results: dict[str, dict[str, Any]] = {}
         self._messages: deque[dict[str, Any]] = deque(maxlen=KEPT_MESSAGES)
-        self._said = 0
+        self._message_count = 0
         self._state: dict[str, Any] = {
             "phase": "", "stopping": False, "point": "", "cycles": 0, "time_left_s": None, "ended": None,
         }  # fmt: skip
@@ -77,14 +77,14 @@ class LiveDisplay:
 
     def point_done(self, result: PointResult) -> None:
         """A point's verdict."""
-        self._results[result.id] = _told(result)
+        self._results[result.id] = _shown(result)
         self._replace(RESULTS, self._results)
 
     def message(self, level: str, text: str) -> None:
         """A line for the operator."""
-        self._said += 1
+        self._message_count += 1
         utc = utc_now().isoformat(timespec="seconds")
-        self._messages.append({"number": self._said, "utc": utc, "level": level, "text": text})
+        self._messages.append({"number": self._message_count, "utc": utc, "level": level, "text": text})
         self._write()
 
     def refused(self, slug: str, text: str) -> None:
@@ -99,7 +99,7 @@ class LiveDisplay:
         """
         for point in result.points:
             if point.id in self._results or point.verdict != NOT_RUN:
-                self._results[point.id] = _told(point)
+                self._results[point.id] = _shown(point)
         self._replace(RESULTS, self._results)
         self._state["ended"] = {
             "valid": result.valid, "total": result.total, "rig_state": str(result.rig_state),
@@ -117,5 +117,5 @@ class LiveDisplay:
             replace_json(self._folder / name, value)
 
 
-def _told(result: PointResult) -> dict[str, Any]:
+def _shown(result: PointResult) -> dict[str, Any]:
     return {"verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs)}

@@ -30,7 +30,7 @@ from rig.station.live_folder import (
     received,
     replace_json,
 )
-from rig.station.stop_socket import asked_by
+from rig.station.stop_socket import requester
 
 MOST_AT_ONCE = 8
 """Messages taken in one turn of the campaign's loop."""
@@ -38,7 +38,7 @@ MOST_NOTES = 1000
 LONGEST_WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 
 
-class Asked(StrEnum):
+class Request(StrEnum):
     """What a page may ask the campaign's loop for."""
 
     STOP = "stop"
@@ -51,7 +51,7 @@ class Asked(StrEnum):
 class Wish:
     """One thing that was asked for, and by whom."""
 
-    do: Asked
+    do: Request
     by: str
 
 
@@ -84,7 +84,7 @@ class LiveLink:
         self.paused = False
         self.held = held
         self.confirm: tuple[Mapping[str, str], ...] = ()
-        self.asked: float | None = None
+        self.requested_A: float | None = None
         self.paged = False
         self.current_is_set = False
         self._questions = 0
@@ -97,21 +97,21 @@ class LiveLink:
         return str(self.folder / STATION_SOCKET)
 
     def _standing(self) -> dict[str, Any]:
-        asked = None if self.asked is None else {"current_A": self.asked, "number": self._questions}
+        requested = None if self.requested_A is None else {"current_A": self.requested_A, "number": self._questions}
         confirm = [dict(stop) for stop in self.confirm]
-        return {"paused": self.paused, "held": self.held, "confirm": confirm, "asked": asked}
+        return {"paused": self.paused, "held": self.held, "confirm": confirm, "asked": requested}
 
     def ask_current(self, current_A: float) -> None:
         """Show a question for a current (A); answers to earlier ones are none to it."""
         self._questions += 1
-        self.asked, self.current_is_set = current_A, False
+        self.requested_A, self.current_is_set = current_A, False
 
     def forget_question(self) -> None:
         """It was answered, or no longer matters."""
-        self.asked, self.current_is_set = None, False
+        self.requested_A, self.current_is_set = None, False
 
     @contextmanager
-    def told_of(self, log: CampaignLog) -> Iterator[None]:
+    def following(self, log: CampaignLog) -> Iterator[None]:
         """While the block runs, the campaign of this journal says where its live folder is, and words go into it.
 
         Raises:
@@ -141,25 +141,25 @@ class LiveLink:
             wish = self._understood(message)
             if wish is not None:
                 wishes.append(wish)
-        return sorted(wishes, key=lambda wish: wish.do is not Asked.STOP)
+        return sorted(wishes, key=lambda wish: wish.do is not Request.STOP)
 
     def _understood(self, message: Mapping[str, Any]) -> Wish | None:
-        do, by = str(message.get("do")), asked_by(dict(message))
+        do, by = str(message.get("do")), requester(dict(message))
         if do == "words":
             self._keep(message, by)
-        elif do in {Asked.STOP, Asked.PAUSE}:
-            return Wish(Asked(do), by)
-        elif do == Asked.START:
+        elif do in {Request.STOP, Request.PAUSE}:
+            return Wish(Request(do), by)
+        elif do == Request.START:
             return self._start(message, by)
-        elif do == "set" and self.asked is not None and message.get("number") == self._questions:
+        elif do == "set" and self.requested_A is not None and message.get("number") == self._questions:
             self.current_is_set = True
-            self._note("set", by, current_A=self.asked)
+            self._note("set", by, current_A=self.requested_A)
         return None
 
     def _start(self, message: Mapping[str, Any], by: str) -> Wish | None:
         """A start ends a pause; of a held campaign it begins it, where it names every stop to be confirmed."""
         if not self.held:
-            return Wish(Asked.START, by)
+            return Wish(Request.START, by)
         named = message.get("confirmed")
         confirmed = {str(slug) for slug in named} if isinstance(named, list) else set()
         missing = [stop["slug"] for stop in self.confirm if stop["slug"] not in confirmed]
@@ -169,7 +169,7 @@ class LiveLink:
             return None
         self.held = False
         self._note("begun", by, confirmed=sorted(confirmed))
-        return Wish(Asked.BEGIN, by)
+        return Wish(Request.BEGIN, by)
 
     def _note(self, what: str, by: str, **more: object) -> None:
         if self._log is not None:

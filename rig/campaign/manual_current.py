@@ -31,16 +31,16 @@ class RehearsedManualCurrent:
     """On a simulated rig: confirms at once; the station turns the simulated knob."""
 
     def __init__(self) -> None:
-        self._asked = False
+        self._waiting = False
 
     def ask(self, current_A: float) -> None:
         """Something is asked."""
-        self._asked = True
+        self._waiting = True
 
     def answered(self) -> bool:
         """At once, and once."""
-        asked, self._asked = self._asked, False
-        return asked
+        requested, self._waiting = self._waiting, False
+        return requested
 
 
 class TerminalManualCurrent:
@@ -52,12 +52,12 @@ class TerminalManualCurrent:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        self._asked = False
+        self._waiting = False
         self._typed = b""
 
     def ask(self, current_A: float) -> None:
         """Something is asked: forget what was typed before."""
-        self._asked, self._typed = True, b""
+        self._waiting, self._typed = True, b""
         # What is no terminal has nothing typed ahead.
         with contextlib.suppress(termios.error):
             termios.tcflush(self._descriptor, termios.TCIFLUSH)
@@ -68,16 +68,16 @@ class TerminalManualCurrent:
         Raises:
             OSError: the terminal is gone.
         """
-        if not self._asked or not select.select([self._descriptor], [], [], 0.0)[0]:
+        if not self._waiting or not select.select([self._descriptor], [], [], 0.0)[0]:
             return False
         data = os.read(self._descriptor, CHUNK)
         if not data:
-            self._asked = False  # it has hung up: no answer will come
+            self._waiting = False  # it has hung up: no answer will come
             return False
         *lines, self._typed = (self._typed + data).split(b"\n")
         if not any(not line.strip() for line in lines):
             return False
-        self._asked = False
+        self._waiting = False
         return True
 
 

@@ -19,7 +19,7 @@ from functools import partial
 from types import FrameType
 from typing import ParamSpec
 
-from rig.campaign.live_link import Asked, LiveLink
+from rig.campaign.live_link import LiveLink, Request
 from rig.campaign.results import Display, PointResult
 from rig.campaign.sequencer import event as ev
 from rig.campaign.stop_cause import because
@@ -70,7 +70,7 @@ class Signals:
 
     def take(self) -> list[ev.Event]:
         """What was asked for since the last call, oldest first."""
-        events: list[ev.Event] = [*self._early, *self._asked()]
+        events: list[ev.Event] = [*self._early, *self._requests()]
         self._early.clear()
         while self.caught:
             number = signal.Signals(self.caught.popleft())
@@ -84,15 +84,15 @@ class Signals:
             self.live.paused = self.paused
         return events
 
-    def _asked(self) -> list[ev.Event]:
+    def _requests(self) -> list[ev.Event]:
         """What pages asked for; a pause that is there already, or a start of what runs, changes nothing."""
         events: list[ev.Event] = []
-        for asked in () if self.live is None else self.live.take():
-            if asked.do is Asked.STOP:
-                events.append(ev.Abort(StopKind.FADE_OUT, because("operator", "page-stop", by=asked.by)))
-            elif asked.do is Asked.BEGIN:
+        for request in () if self.live is None else self.live.take():
+            if request.do is Request.STOP:
+                events.append(ev.Abort(StopKind.FADE_OUT, because("operator", "page-stop", by=request.by)))
+            elif request.do is Request.BEGIN:
                 events.append(ev.Begin())
-            elif self.paused is not (asked.do is Asked.PAUSE):
+            elif self.paused is not (request.do is Request.PAUSE):
                 self.paused = not self.paused
                 events.append(ev.PauseAsked() if self.paused else ev.ResumeAsked())
         return events
@@ -107,7 +107,7 @@ class Signals:
             if number in STOPS:
                 _, cause = STOPS[signal.Signals(number)]
                 raise Stopped(cause.slug, BEFORE.format(detail=cause.detail))
-        for event in self._asked():
+        for event in self._requests():
             if isinstance(event, ev.Abort):
                 raise Stopped(event.cause.slug, BEFORE.format(detail=event.cause.detail))
             self._early.append(event)
@@ -231,7 +231,7 @@ def operator_link(display: Display, live: LiveLink | None = None) -> Iterator[tu
         display: where the campaign was started.
         live: the folder that pages read; None without any.
     """
-    shown = Displays(*(GuardedDisplay(told) for told in (display, *(() if live is None else (live.display,)))))
+    shown = Displays(*(GuardedDisplay(one) for one in (display, *(() if live is None else (live.display,)))))
     try:
         with operator_signals() as signals:
             signals.live = live

@@ -58,11 +58,11 @@ class PointResults:
     waits: list[Wait] = field(default_factory=list)
     setpoints: dict[str, float] | None = None
 
-    def take_setpoints(self, told: Mapping[str, Any]) -> None:
+    def take_setpoints(self, counts: Mapping[str, Any]) -> None:
         """The station's count of all set-points streamed so far, after a motion."""
-        self.setpoints = {name: told[name] for name in ("steps", "late", "skipped", "p99_s", "worst_s")}
+        self.setpoints = {name: counts[name] for name in ("steps", "late", "skipped", "p99_s", "worst_s")}
 
-    def judged(
+    def record_verdict(
         self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int,
         quality: Mapping[str, float] | None = None,
     ) -> PointResult:
@@ -112,23 +112,23 @@ class PointResults:
         ]
         for file in files if reasons else ():
             try:
-                judged = RecordedPoint.open(file, whole=False).quality.verdict.replaced({ZERO_RETURN}, reasons)
-                write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
-                told = finished(RecordedPoint.open(file, whole=False))
+                verdict = RecordedPoint.open(file, whole=False).quality.verdict.replaced({ZERO_RETURN}, reasons)
+                write_verdict(file, verdict, "load cell and LVDT at rest after the session's motion")
+                finished_point = finished(RecordedPoint.open(file, whole=False))
             except (FileProblem, OSError) as error:
                 warn(f"{file.name}: the zero drift could not be written to the file: {error}")
                 continue
-            self.corrected(file, told.verdict, told.reasons, told.quality)
+            self.corrected(file, finished_point.verdict, finished_point.reasons, finished_point.quality)
 
     def given_up(self, point: TestPoint, cause: StopCause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""
-        return self.judged(point, None, INVALID, (f"{cause.slug}: {cause.detail}",), 0)
+        return self.record_verdict(point, None, INVALID, (f"{cause.slug}: {cause.detail}",), 0)
 
     def all_results(self) -> tuple[PointResult, ...]:
         """Every point in planned order; the ones of which no session tells anything were not run."""
-        return tuple(self._told(point) for point in self.points)
+        return tuple(self._result_of(point) for point in self.points)
 
-    def _told(self, point: TestPoint) -> PointResult:
+    def _result_of(self, point: TestPoint) -> PointResult:
         """What counts of what was recorded before and of this session's attempts."""
         before, result = self.earlier.get(point.id), self.results.get(point.id)
         if before is None or result is None:

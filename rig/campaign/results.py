@@ -184,12 +184,12 @@ class StopReport:
     current_timeout_s: float | None = None
 
     @property
-    def stands(self) -> str:
+    def state_text(self) -> str:
         """The state of the rig, as far as it was proved: standstill, current and pressure separately."""
         if not self.moved:
-            said = [] if self.current_left_A is None else [self._current]
-            said += [self._pressure] if self.pressure and not self.pressure_off else []
-            return ", ".join(("no motion had started", *said))
+            parts = [] if self.current_left_A is None else [self._current]
+            parts += [self._pressure] if self.pressure and not self.pressure_off else []
+            return ", ".join(("no motion had started", *parts))
         ended = "motion halted" if self.halted else "motion ramped down" if self.faded else "rod at rest"
         motion = ended if self.proved else "standstill is not confirmed"
         return f"{motion}, {self._current}, {self._pressure}"
@@ -227,7 +227,7 @@ class StopReport:
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `stop` in `rig run --json`."""
-        return asdict(self) | {"text": self.stands, "stands": self.stands}
+        return asdict(self) | {"text": self.state_text, "stands": self.state_text}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
-from rig.campaign.kept_files import kept_hashes
+from rig.campaign.file_copies import kept_hashes
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described

@@ -22,7 +22,7 @@ from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop, resume_command
-from rig.campaign.kept_files import keep_bench, keep_matrix, kept_hashes
+from rig.campaign.file_copies import keep_bench, keep_matrix, kept_hashes
 from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
@@ -158,9 +158,9 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
             does not fulfil `check_requirements`, or as `check_room`.
     """
     check_requirements(bench, matrix)
-    judged = plan(matrix, bench)
+    planned = plan(matrix, bench)
     lines = []
-    for item in judged.judged:
+    for item in planned.planned_points:
         if not item.feasible:
             fit = "" if item.would_fit_m is None else (
                 "; the largest amplitude that fits is "
@@ -171,8 +171,8 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
         raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; no motion "
             "was started:\n" + "\n".join(lines))
     if folder is not None:
-        check_room(folder, judged, bench, matrix)
-    return judged
+        check_room(folder, planned, bench, matrix)
+    return planned
 
 
 def check_requirements(bench: Bench, matrix: Matrix) -> None:

@@ -72,11 +72,11 @@ def wearing(path: Path) -> tuple[str, ...]:
     arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]
     for name, sensor in (("load_cell", bench.load_cell), ("lvdt", bench.lvdt)):
         arguments += ["--option", f"{name}.rate_Hz={sensor.rate_Hz}", "--option", f"{name}.baudrate={sensor.baudrate}"]
-    wanted = {
+    options = {
         "position_m": min(map(abs, limits.position_m)), "speed_m_s": limits.speed_m_s, "force_N": limits.force_N,
         "acceleration_m_s2": limits.acceleration_m_s2, "current_A": limits.current_A,
     }
-    for name, value in wanted.items():
+    for name, value in options.items():
         arguments += ["--option", f"limits.{name}={min(value, REACHED[name])}"]
     return tuple(arguments)
 
@@ -147,7 +147,7 @@ class SimulatedRig:
         return cls(process, Path(line), truth_path)
 
     @property
-    def lacks_room(self) -> bool:
+    def disk_is_full(self) -> bool:
         """Whether its disk is too full for its truth file."""
         try:
             collected = self.truth_path.with_name(self.truth_path.name + ".part").stat().st_size
@@ -170,7 +170,7 @@ class SimulatedRig:
         try:
             self.process.wait(DISK_PATIENCE_S)
         except subprocess.TimeoutExpired:
-            if disk_refuses or self.lacks_room:
+            if disk_refuses or self.disk_is_full:
                 return False
         try:
             self.process.wait(STOP_TIMEOUT_S - DISK_PATIENCE_S)
@@ -298,9 +298,9 @@ def rig_in_use(
 
     def waiting(waited_s: float) -> None:
         check()
-        told_s = SLOW_START_S * (waited_s // SLOW_START_S)
-        if told_s > 0.0:
-            display.phase(f"starting the simulated rig ({told_s:.0f} s; the first start on a computer includes "
+        reported_s = SLOW_START_S * (waited_s // SLOW_START_S)
+        if reported_s > 0.0:
+            display.phase(f"starting the simulated rig ({reported_s:.0f} s; the first start on a computer includes "
                 "compilation)")
 
     simulated = SimulatedRig.start(folder, options, specimen, waiting)
@@ -309,6 +309,6 @@ def rig_in_use(
         yield rig
     finally:
         if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
-            full = rig.disk_refuses or simulated.lacks_room
+            full = rig.disk_refuses or simulated.disk_is_full
             why = ": it will complete truth.h5 as soon as disk space is available" if full else ""
             display.message("warning", say("rig-goes-on", process=simulated.process.pid, why=why))

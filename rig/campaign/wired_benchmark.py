@@ -81,7 +81,7 @@ class WireCount:
         }
 
 
-class Told:
+class Replies:
     """The motion that is streamed: the last command, until the test is over."""
 
     fastest_m_s = math.inf
@@ -104,8 +104,8 @@ def through(driver: StreamedActuator, test: StepwiseTest, count: WireCount) -> N
     Raises:
         DriverError: the controller cannot be reached, or refuses.
     """
-    told, step_ns, fed = Told(), round(1e9 / RATE_Hz), 0
-    driver.compute(told)
+    replies, step_ns, fed = Replies(), round(1e9 / RATE_Hz), 0
+    driver.compute(replies)
     due_ns = monotonic_ns() + step_ns
     while not test.over:
         left_s = 1e-9 * (due_ns - monotonic_ns())
@@ -117,9 +117,9 @@ def through(driver: StreamedActuator, test: StepwiseTest, count: WireCount) -> N
         fed += 1
         status = driver.exchange(fed % 0x10000)
         for _ in range(left_out + 1):
-            told.command_m = test.step(status.position_m, status.force_N)
+            replies.command_m = test.step(status.position_m, status.force_N)
         due_ns += (left_out + 1) * step_ns
-    told.command_m, told.over = 0.0, True
+    replies.command_m, replies.over = 0.0, True
     driver.exchange(fed % 0x10000 + 1)
 
 

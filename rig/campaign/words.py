@@ -161,4 +161,4 @@ def message(name: str, values: dict[str, object], instead: str | None = None) ->
         instead: a key of `EXCHANGED`: what explains the finding, in place of the advice.
     """
     advice = ADVICE.get(name, "") if instead is None else f"; {EXCHANGED[instead]}"
-    return errors.told(MESSAGES[name].format(**values, advice=advice))
+    return errors.clean_text(MESSAGES[name].format(**values, advice=advice))

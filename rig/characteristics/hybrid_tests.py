@@ -43,7 +43,7 @@ class HybridTest:
         verdict: of its point.
         record: its course; None where too little was recorded.
         numbers: what the record says; None where there is none.
-        told: what the station said of it: steps, delay (s), energy share, late set-points.
+        reported: what the station said of it: steps, delay (s), energy share, late set-points.
     """
 
     id: str
@@ -52,16 +52,22 @@ class HybridTest:
     verdict: str
     record: Record | None
     numbers: Assessment | None
-    told: Mapping[str, Any]
+    reported: Mapping[str, Any]
 
     def to_json(self) -> dict[str, Any]:
         """The keys of one entry of `tests` in `hybrid.json` and `rig run --json`."""
-        numbers, told = self.numbers, self.told
-        delay_s = told.get("delay_s")
+        numbers, reported = self.numbers, self.reported
+        delay_s = reported.get("delay_s")
         return {
-            "id": self.id, "compensation": self.compensator, "law": self.law, "verdict": self.verdict,
-            "steps": told.get("steps", 0), "late_steps": told.get("late_steps"), "p99_step_ms": told.get("p99_step_ms"),
-            "delay_ms": None if delay_s is None else 1e3 * delay_s, "energy_error": told.get("energy_share"),
+            "id": self.id,
+            "compensation": self.compensator,
+            "law": self.law,
+            "verdict": self.verdict,
+            "steps": reported.get("steps", 0),
+            "late_steps": reported.get("late_steps"),
+            "p99_step_ms": reported.get("p99_step_ms"),
+            "delay_ms": None if delay_s is None else 1e3 * delay_s,
+            "energy_error": reported.get("energy_share"),
             "tracking_nrms": None if numbers is None else numbers.tracking_nrms,
             "reference_error": None if numbers is None else numbers.reference_error,
             "hop_error": None if numbers is None else numbers.hop_error,
@@ -128,13 +134,13 @@ def _test(
     times = raw["time"]
     if times is None or any(values is None for values in raw.values()):
         return HybridTest(point.id, compensator, law, verdict, None, None, {})
-    told = {
-        **_told(lines, int(times["host_ns"][0]), int(times["host_ns"][-1])), "steps": int(times["sequence"][-1]),
+    reported = {
+        **_reported(lines, int(times["host_ns"][0]), int(times["host_ns"][-1])), "steps": int(times["sequence"][-1]),
     }  # fmt: skip
     columns = {name: values for name, values in raw.items() if values is not None}
     record = _record(columns, table.quarter_car(prior, law).reference())
     numbers = None if record is None else assess(record)
-    return HybridTest(point.id, compensator, law, verdict, record, numbers, told)
+    return HybridTest(point.id, compensator, law, verdict, record, numbers, reported)
 
 
 def _record(raw: Mapping[str, Mapping[str, Any]], reference: tuple[float, Ride]) -> Record | None:
@@ -148,22 +154,22 @@ def _record(raw: Mapping[str, Mapping[str, Any]], reference: tuple[float, Ride])
     time_s = np.arange(test_s[0], test_s[-1], float(np.median(np.diff(test_s))))
     reference_step_s, ride = reference
     whole_s = np.arange(len(ride.time_s)) * reference_step_s
-    wanted = np.column_stack([
+    targets = np.column_stack([
         np.interp(time_s, whole_s, values)
         for values in (ride.extension_m[:, 0], ride.place[:, 0], ride.place[:, 1])
     ])
     target, body, wheel = (np.interp(time_s, test_s, columns[name]) for name in ("target", "body", "wheel"))
     seen = np.interp(time_s, test_s[known], columns["seen"][known])
-    return Record(time_s, target, seen, body, wheel, wanted)
+    return Record(time_s, target, seen, body, wheel, targets)
 
 
-def _told(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> dict[str, Any]:
+def _reported(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> dict[str, Any]:
     """What the station said of the test recorded between two host times: its last word, and the set-points' counts.
 
     Counts of set-points are those of the whole motion, delay measurement and return included; the lateness is that of
     all set-points of the session so far.
     """
-    told: dict[str, Any] = {}
+    reported: dict[str, Any] = {}
     before = {"late": 0, "steps": 0}
     for line in lines:
         at_ns = line.get("t_ns")
@@ -172,13 +178,13 @@ def _told(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> di
         if line.get("what") == "hybrid" and first_ns <= at_ns:
             if at_ns > last_ns and line.get("phase") == "probe":
                 break
-            told |= {name: line.get(name) for name in ("delay_s", "energy_share")}
+            reported |= {name: line.get(name) for name in ("delay_s", "energy_share")}
         if line.get("what") == "setpoints":
             if at_ns < first_ns:
                 before = {name: int(line.get(name) or 0) for name in before}
-            elif "late_steps" not in told:
+            elif "late_steps" not in reported:
                 p99_s = line.get("p99_s")
                 same_session = int(line.get("steps") or 0) >= before["steps"]  # a new one counts from 0
-                told["late_steps"] = int(line.get("late") or 0) - (before["late"] if same_session else 0)
-                told["p99_step_ms"] = 1e3 * p99_s if isinstance(p99_s, float) and math.isfinite(p99_s) else None
-    return told
+                reported["late_steps"] = int(line.get("late") or 0) - (before["late"] if same_session else 0)
+                reported["p99_step_ms"] = 1e3 * p99_s if isinstance(p99_s, float) and math.isfinite(p99_s) else None
+    return reported

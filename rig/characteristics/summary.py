@@ -130,7 +130,7 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
                     measured = known.get(point.id) or prepare(point, skews.get(point.id))
                     whole, ends_cut = without_cut_ends(measured)
                     loops.append(characterise_loop(point, whole))
-                    remarks += [f"{point.id}: {said}" for said in measured.warnings if said.slug in DOUBTS]
+                    remarks += [f"{point.id}: {warning}" for warning in measured.warnings if warning.slug in DOUBTS]
                     left_out += [*_unknown(loops[-1]), *(f"{point.id}: {end}" for end in ends_cut)]
                 elif point.kind == "friction":
                     friction.append(friction_of(point))

@@ -23,7 +23,7 @@ from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
 from rig.campaign.execution.observer import AT_CENTRE_M
 from rig.campaign.machine_resources import station_in_use
-from rig.campaign.preflight.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, judge_proof, proof_targets
+from rig.campaign.preflight.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, check_proof, proof_targets
 from rig.campaign.stop_cause import StopCause
 from rig.check.evaluation import ACTUATOR, ECU, LOAD_CELL, LVDT, Reports
 from rig.check.finding import CheckReport, failed, warning
@@ -51,11 +51,11 @@ FIXES = {
 }
 FEWEST = 10
 
-Told = Callable[[str], None]
+Report = Callable[[str], None]
 
 
 @clock.restored()
-def check_bench(bench: Bench, folder: Path, told: Told, *, prove: bool = False) -> CheckReport:
+def check_bench(bench: Bench, folder: Path, report: Report, *, prove: bool = False) -> CheckReport:
     """Look at every device of a bench.
 
     Without `prove` nothing moves and no current flows; the watchdog is starved only where there is no pressure.
@@ -63,7 +63,7 @@ def check_bench(bench: Bench, folder: Path, told: Told, *, prove: bool = False) 
     Args:
         bench: the rig.
         folder: an empty one, for the station's files and log.
-        told: told what is being done, for people.
+        report: told what is being done, for people.
         prove: starve the watchdog and move the rod by 2 mm, at 10 mm/s and 0 A, where nothing has failed before.
 
     Returns:
@@ -74,9 +74,9 @@ def check_bench(bench: Bench, folder: Path, told: Told, *, prove: bool = False) 
         UnknownRigState: the rig was armed, and its station could not prove that it is safe at the end.
     """
     with ExitStack() as ends:
-        told("starting the station")
+        report("starting the station")
         client, config = ends.enter_context(station_in_use(bench, None, folder, ()))
-        check = _Check(bench, client, config, told)
+        check = _Check(bench, client, config, report)
         try:
             check.run(prove=prove)
         finally:
@@ -97,12 +97,12 @@ class _Check:
         moved: the proof move was made.
     """
 
-    def __init__(self, bench: Bench, client: StationClient, config: StationConfig, told: Told) -> None:
+    def __init__(self, bench: Bench, client: StationClient, config: StationConfig, report: Report) -> None:
         self.reports = Reports(bench, config)
         self.was_armed = self.moved = False
         self._client = client
         self._config = config
-        self._told = told
+        self._report = report
         self._pressure_off = False
 
     def run(self, *, prove: bool) -> None:
@@ -118,12 +118,12 @@ class _Check:
 
     def _look(self) -> None:
         client, reports = self._client, self.reports
-        self._told("connecting all devices")
+        self._report("connecting all devices")
         entries: list[Mapping[str, Any]] = client.request("examine", EXAMINE_S)["devices"]
         self._pressure_off = any(seen["pressure_off"] for seen in entries)
         reports.examined(entries)
         reports.calibrations(utc_now().date())
-        self._told(f"recording {REST_S:g} s at rest")
+        self._report(f"recording {REST_S:g} s at rest")
         with RingReader(Path(self._config.ring_path)) as ring:
             until_ns = monotonic_ns() + int(1e9 * REST_S)
             parts, events = [ring.read()], []
@@ -149,7 +149,7 @@ class _Check:
         try:
             self.was_armed = True
             with armed(self._client):
-                self._told("triggering the watchdog")
+                self._report("triggering the watchdog")
                 after_s = prove_watchdog(self._client)
                 report.numbers["watchdog_ms"] = None if after_s is None else 1e3 * after_s
                 if move:
@@ -159,7 +159,7 @@ class _Check:
             self.reports.add(owner, failed(ended.slug, ended.message, FIXES.get(ended.slug, "")))
 
     def _move(self) -> None:
-        self._told("moving the rod 2 mm up and down, at 10 mm/s and 0 A")
+        self._report("moving the rod 2 mm up and down, at 10 mm/s and 0 A")
         self.moved = True
         with RingReader(Path(self._config.ring_path)) as ring:
             cause = prove_sensors(self._client, self._config, ring)
@@ -256,7 +256,7 @@ def prove_sensors(client: StationClient, config: StationConfig, ring: RingReader
     up_m, down_m = proof_targets(start_m, *config.limits.position_m)
     legs = [mover.leg(target_m) for target_m in (up_m, down_m)]
     mover.leg(min(max(start_m, down_m), up_m))
-    return judge_proof(*legs)
+    return check_proof(*legs)
 
 
 class _Mover:

@@ -16,7 +16,7 @@ from rig import units
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import StationConfig
-from rig.campaign.preflight.rest_check import causes_at_rest, explanation, judge_rest, rest_limits, samples_at_rest
+from rig.campaign.preflight.rest_check import causes_at_rest, check_rest, explanation, rest_limits, samples_at_rest
 from rig.check.finding import CheckFinding, DeviceReport, failed, note, warning
 from rig.faults.matrix import REACTIONS
 from rig.signals.rest import FEWEST_SAMPLES
@@ -108,15 +108,15 @@ class Reports:
 
     def warned(self, events: Iterable[Mapping[str, Any]]) -> None:
         """Take the station's warnings; those of a device that failed anyway say nothing new."""
-        told: set[str] = set()
+        reported: set[str] = set()
         for event in events:
             slug = str(event.get("slug"))
             row = REACTIONS.get(slug)
-            if event.get("event") != "warning" or row is None or slug in NOT_OURS or slug in told:
+            if event.get("event") != "warning" or row is None or slug in NOT_OURS or slug in reported:
                 continue
             owner = OWNERS.get(row.place)
             if owner is not None and self.of[owner].verdict != "failed":
-                told.add(slug)
+                reported.add(slug)
                 self.add(owner, warning(slug, str(event.get("detail", ""))))
 
     def streams(self, records: NDArray[Any]) -> None:
@@ -151,7 +151,7 @@ class Reports:
         seen = samples_at_rest(records)
         zero_N = self._bench.checks.zero_N(self._bench.load_cell.range_N, None)
         limits = rest_limits(self._bench, self._config, zero_N)
-        first = judge_rest(seen, limits)
+        first = check_rest(seen, limits)
         if first is None:
             return
         if first.slug == "sensors-swapped":
@@ -219,10 +219,10 @@ def _fix(seen: Seen) -> str:
 
 
 def _polls(stream: Stream, config: StationConfig) -> Iterator[CheckFinding]:
-    wanted_Hz = 1.0 / config.actuator.poll_s / config.device_rate
-    if math.isfinite(stream.rate_Hz) and stream.rate_Hz < SLOW_POLLS * wanted_Hz:
+    required_Hz = 1.0 / config.actuator.poll_s / config.device_rate
+    if math.isfinite(stream.rate_Hz) and stream.rate_Hz < SLOW_POLLS * required_Hz:
         text = (
-            f"{stream.rate_Hz:.3g} status messages per second, expected {wanted_Hz:.3g}: the controller does not "
+            f"{stream.rate_Hz:.3g} status messages per second, expected {required_Hz:.3g}: the controller does not "
             "answer within one poll period"
         )
         poll_ms = 1e3 / stream.rate_Hz / config.device_rate

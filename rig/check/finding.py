@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from rig.errors import told
+from rig.errors import clean_text
 from rig.explanations.explanation import texts
 
 
@@ -47,17 +47,17 @@ class CheckFinding:
 
 def failed(slug: str, text: str, fix: str = "") -> CheckFinding:
     """A finding with which the rig is refused; without a `fix`, what its explanation says to look at first."""
-    return CheckFinding(slug, Severity.FAILED, told(text), told(fix or _look_at(slug)))
+    return CheckFinding(slug, Severity.FAILED, clean_text(text), clean_text(fix or _look_at(slug)))
 
 
 def warning(slug: str, text: str, fix: str = "") -> CheckFinding:
     """A finding that the operator should check; the rig runs with it."""
-    return CheckFinding(slug, Severity.WARNING, told(text), told(fix or _look_at(slug)))
+    return CheckFinding(slug, Severity.WARNING, clean_text(text), clean_text(fix or _look_at(slug)))
 
 
 def note(slug: str, text: str, fix: str = "") -> CheckFinding:
     """Something worth knowing; it changes no verdict."""
-    return CheckFinding(slug, Severity.NOTE, told(text), told(fix or _look_at(slug)))
+    return CheckFinding(slug, Severity.NOTE, clean_text(text), clean_text(fix or _look_at(slug)))
 
 
 def _look_at(slug: str) -> str:

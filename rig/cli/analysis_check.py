@@ -48,16 +48,16 @@ def check_analysis(path: Path, matrix: Matrix) -> None:
         raise FileProblem(str(path), [f"identify.{text}" for text in problems])
 
 
-def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str]:
+def analysis_problems(settings: Identify, points: Iterable[TestPoint]) -> list[str]:
     """The same as lines of text; none when the identification can begin."""
     loops = [point for point in points if point.kind in {LOOP, SIGNAL}]
     if not loops:
         return ["enabled: the matrix contains no points that can be fitted. Fix: add such points, or set "
             "enabled = false"]
-    problems, fitted = _holdout(wanted.holdout, loops)
-    problems += _combination(wanted)
-    if wanted.current != AFFINE and _currents(fitted) == 1:
-        problems.append(f'current = "{wanted.current}": all fitted tests have the same current; '
+    problems, fitted = _holdout(settings.holdout, loops)
+    problems += _combination(settings)
+    if settings.current != AFFINE and _currents(fitted) == 1:
+        problems.append(f'current = "{settings.current}": all fitted tests have the same current; '
             "expected at least two different currents")
     return problems
 
@@ -79,11 +79,11 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
             return [], loops
         return [f"holdout = \"{text}\": exists, but is not a run (a campaign folder)"], loops
     try:
-        wanted = Selection.parse(text)
+        selection = Selection.parse(text)
     except FileProblem as error:
         return [f'holdout = "{text}": {problem}' for problem in error.problems], loops
     # Only valid points are fitted or scored.
-    held_out = [wanted.holds(SimpleNamespace(**vars(point), verdict="valid")) for point in loops]
+    held_out = [selection.holds(SimpleNamespace(**vars(point), verdict="valid")) for point in loops]
     fitted = [point for point, out in zip(loops, held_out, strict=True) if not out]
     if len(fitted) == len(loops):
         return [f'holdout = "{text}": matches none of the {len(loops)} points; no validation points would be '
@@ -108,33 +108,33 @@ def _end_of_time(text: str, loops: list[TestPoint]) -> list[str] | None:
     ]
 
 
-def _combination(wanted: Identify) -> list[str]:
+def _combination(settings: Identify) -> list[str]:
     """Models and methods that do not go together."""
     problems = []
-    if wanted.method == THREE_STEPS and wanted.model != MODEL_OF_THREE_STEPS:
+    if settings.method == THREE_STEPS and settings.model != MODEL_OF_THREE_STEPS:
         problems.append(
             f'method = "{THREE_STEPS}": this method requires the model {MODEL_OF_THREE_STEPS}. Fix: set model = '
             f'"{MODEL_OF_THREE_STEPS}"'
         )
-    bent = wanted.current_law != AFFINE or "+" in wanted.model
-    corrections = wanted.corrections
-    several = [f'model = "{wanted.model}"'] if wanted.model in SEVERAL else []
+    bent = settings.current_law != AFFINE or "+" in settings.model
+    corrections = settings.corrections
+    several = [f'model = "{settings.model}"'] if settings.model in SEVERAL else []
     conflicts = [*several, *corrections, *(["a current law"] if bent else [])]
-    if wanted.current != AFFINE and conflicts:
+    if settings.current != AFFINE and conflicts:
         problems.append(
-            f'current = "{wanted.current}": requires a single model, so it cannot be combined with '
+            f'current = "{settings.current}": requires a single model, so it cannot be combined with '
             f'{", ".join(conflicts)}. Fix: remove the conflicting settings'
         )
     conflicts = [
-        *several, *([f'current = "{wanted.current}"'] if wanted.current != AFFINE else []),
+        *several, *([f'current = "{settings.current}"'] if settings.current != AFFINE else []),
         *(name for name in corrections if name != TEMPERATURE),
-        *([f'method = "{wanted.method}"'] if wanted.method != SEPARABLE else []),
+        *([f'method = "{settings.method}"'] if settings.method != SEPARABLE else []),
     ]  # fmt: skip
     if TEMPERATURE in corrections and conflicts:
         problems.append(
             f'{TEMPERATURE} = "{corrections[TEMPERATURE]}": requires a single named model and method = "{SEPARABLE}", '
             f'so it cannot be combined with {", ".join(conflicts)}. Fix: remove the conflicting settings'
         )
-    if SPRING in corrections and wanted.model in SEVERAL:
+    if SPRING in corrections and settings.model in SEVERAL:
         problems.append('series_spring: requires a single model. Fix: name one model, such as model = "asymmetric"')
     return problems

@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 NICENESS = 10
 
 
-def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
+def analyse(run: Path, settings: Mapping[str, Any] | None) -> dict[str, Any]:
     """Identify (when wanted) and report; what fails is said, and does not cost the other."""
     # loads numba and numpy: not needed for the help
     from rig.identification import identify_run
     from rig.report import write_report
 
     def identified() -> Path:
-        identify_run([run], **(wanted or {}))
+        identify_run([run], **(settings or {}))
         return CampaignFolder(run).fit
 
-    fit, error = (None, None) if wanted is None else _made(identified)
+    fit, error = (None, None) if settings is None else _made(identified)
     report, report_error = _made(lambda: write_report(run))
     return {"fit": fit, "report": report, "error": error, "report_error": report_error}
 

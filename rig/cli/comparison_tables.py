@@ -26,7 +26,7 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
     """Verdict, runs, changes against the first, remarks."""
     blocks: Blocks = []
     if compared.judgement is not None:
-        blocks += _judged(compared.judgement, len(compared.runs) > 1, everything=everything)
+        blocks += _acceptance(compared.judgement, len(compared.runs) > 1, everything=everything)
     for index, run in enumerate(compared.runs):
         label = "first" if index == 0 and len(compared.runs) > 1 else f"run {index + 1}"
         blocks.append(Paragraph(f"{label}: {run.name}, specimen {run.specimen or 'unknown'}"))
@@ -35,20 +35,20 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
     return blocks + [Note(FAIR, f"remark: {remark}") for remark in compared.remarks]
 
 
-def _judged(judgement: AcceptanceResult, several: bool, *, everything: bool) -> Blocks:
-    total, bad = len(judgement.results), judgement.not_passed
-    if judgement.passed:
-        least = min(judgement.results, key=lambda result: _or_infinite(result.margin_percent))
-        stated = f"PASS against {judgement.bands.name}: all {total} values within their bands; smallest margin: "
+def _acceptance(acceptance: AcceptanceResult, several: bool, *, everything: bool) -> Blocks:
+    total, bad = len(acceptance.results), acceptance.not_passed
+    if acceptance.passed:
+        least = min(acceptance.results, key=lambda result: _or_infinite(result.margin_percent))
+        stated = f"PASS against {acceptance.bands.name}: all {total} values within their bands; smallest margin: "
         verdict = Note(GOOD, stated + f"{least.quantity}, {_margin(least)}")
     else:
         kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
                  if (count := sum(result.state == state for result in bad))]  # fmt: skip
         verdict = Note(
             POOR,
-            f"FAIL against {judgement.bands.name}: {len(bad)} of {total} values did not pass ({', '.join(kinds)})",
+            f"FAIL against {acceptance.bands.name}: {len(bad)} of {total} values did not pass ({', '.join(kinds)})",
         )  # fmt: skip
-    shown = judgement.results if everything else bad
+    shown = acceptance.results if everything else bad
     blocks: Blocks = [verdict, *(Note(SEVERITIES[result.state], _result(result, several)) for result in shown)]
     if not everything and len(bad) < total:
         blocks.append(Paragraph(f"{total - len(bad)} passed; use --all to show every value"))
@@ -59,17 +59,17 @@ def _result(result: Result, several: bool) -> str:
     """One value on a line of its own."""
     name = f"change of {result.quantity}" if result.change else result.quantity
     place = f"{result.where}" + (f" ({', '.join(result.points)})" if result.points else "")
-    told = f"{result.state.upper()}  {name} at {place}"
+    text = f"{result.state.upper()}  {name} at {place}"
     if several:
-        told += f" in {result.run}"
+        text += f" in {result.run}"
     value = _why(result) if math.isnan(result.value) else f"{_number(result.value)} {_unit(result.unit)}".rstrip()
-    told += f": {value}"
-    told += f", allowed {band_words(result)}"
+    text += f": {value}"
+    text += f", allowed {band_words(result)}"
     if math.isfinite(result.value):
-        told += f", margin {_margin(result)}"
-        told += f", +-{_number(result.expanded, 2)}" if math.isfinite(result.expanded) else ""
-        told += f"; {result.why}" if result.why else ""
-    return told + (f" [{result.note}]" if result.note else "")
+        text += f", margin {_margin(result)}"
+        text += f", +-{_number(result.expanded, 2)}" if math.isfinite(result.expanded) else ""
+        text += f"; {result.why}" if result.why else ""
+    return text + (f" [{result.note}]" if result.note else "")
 
 
 def _why(result: Result) -> str:
@@ -87,9 +87,9 @@ def band_words(result: Result) -> str:
 
 
 def _margin(result: Result) -> str:
-    told = f"{_number(result.margin, 3)} {_unit(result.unit)}".rstrip()
+    text = f"{_number(result.margin, 3)} {_unit(result.unit)}".rstrip()
     share = result.margin_percent
-    return told if math.isnan(share) or result.unit == "%" else f"{told} ({_number(share, 3)} %)"
+    return text if math.isnan(share) or result.unit == "%" else f"{text} ({_number(share, 3)} %)"
 
 
 SUMMARY = (

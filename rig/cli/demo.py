@@ -62,8 +62,8 @@ def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None
 
     fit, truth = FitRecord.load(fit_path), _true_parameters(truth_path)
     show(fit_tables(fit, truth), shown)
-    judged = [entry.holds(truth.get(name)) for name, entry in fit.parameters.items()]
-    held, counted = judged.count(True), sum(item is not None for item in judged)
+    covered = [entry.holds(truth.get(name)) for name, entry in fit.parameters.items()]
+    held, counted = covered.count(True), sum(item is not None for item in covered)
     text = (
         f"{held} of {counted} identifiable parameters: true value within the 95 % interval (1 in 20 is expected "
         "to lie outside)"

@@ -111,12 +111,12 @@ class BenchmarkOptions(NamedTuple):
     latency_steps: int
 
 
-def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
+def _benchmark(options: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
     # loads numpy: not needed for the help
     from rig.hybrid.earthquake import read, synthesised
 
-    motion = synthesised() if asked.earthquake is None else read(asked.earthquake, asked.intensity)
-    results, how = (_on_wires if asked.wires else _in_process)(asked, motion, seed, as_json)
+    motion = synthesised() if options.earthquake is None else read(options.earthquake, options.intensity)
+    results, how = (_on_wires if options.wires else _in_process)(options, motion, seed, as_json)
     code = EXIT_REFUSED if any(result.refused for result in results) else EXIT_DONE
     if as_json:
         answer = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed, **how}
@@ -130,37 +130,37 @@ def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
     return code
 
 
-def _in_process(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
+def _in_process(options: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
     # loads numba and numpy: not needed for the help
     from rig.hybrid.benchmark import run_benchmark
 
-    problems = [(case, int(rate)) for case in asked.cases or CASES for rate in asked.rates or RATES]
-    plants, latency = asked.plants or PLANTS, asked.latency_steps
-    results = run_benchmark(problems, asked.compensators or NAMES, motion, plants, seed, latency)
-    return _told(results, as_json), {"plants": plants, "latency_steps": latency, "wires": None}
+    problems = [(case, int(rate)) for case in options.cases or CASES for rate in options.rates or RATES]
+    plants, latency = options.plants or PLANTS, options.latency_steps
+    results = run_benchmark(problems, options.compensators or NAMES, motion, plants, seed, latency)
+    return _shown(results, as_json), {"plants": plants, "latency_steps": latency, "wires": None}
 
 
-def _on_wires(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
+def _on_wires(options: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
     """As `_in_process`.
 
     Raises:
         UsageError: another rate or latency than that of the wires.
     """
-    if set(asked.rates) - {"250"} or asked.latency_steps:
+    if set(options.rates) - {"250"} or options.latency_steps:
         raise click.UsageError("--wires runs 250 steps per second and measures the latency. Fix: omit --rate and "
                                "--latency-steps")  # fmt: skip
     # loads numba and numpy: not needed for the help
     from rig.campaign.wired_benchmark import LATENCY_STEPS, Wires
     from rig.station.process import real_time_priority
 
-    lacking, wires, plants = real_time_priority(True), Wires(), asked.plants or PLANTS_ON_WIRES
-    compensators = asked.compensators or NAMES[-1:]
-    results = _told(wires.results(asked.cases or CASES, compensators, motion, plants, seed), as_json)
-    went = {**wires.count.to_json(), "real_time": lacking is None}
+    problem, wires, plants = real_time_priority(True), Wires(), options.plants or PLANTS_ON_WIRES
+    compensators = options.compensators or NAMES[-1:]
+    results = _shown(wires.results(options.cases or CASES, compensators, motion, plants, seed), as_json)
+    went = {**wires.count.to_json(), "real_time": problem is None}
     return results, {"plants": plants, "latency_steps": LATENCY_STEPS, "wires": went}
 
 
-def _told(results: Iterator[Result], as_json: bool) -> list[Result]:
+def _shown(results: Iterator[Result], as_json: bool) -> list[Result]:
     """All of them; where the answer is no JSON each is told as it comes."""
     kept: list[Result] = []
     for result in results:
@@ -174,7 +174,7 @@ def _plain(result: Result) -> dict[str, Any]:
     return {
         "case": result.case, "rate_Hz": result.rate_Hz, "compensator": result.compensator, "plants": result.plants,
         "criteria": result.criteria, "worst": result.worst, "published": result.published,
-        "required": result.asked, "asked": result.asked,
+        "required": result.required, "asked": result.required,
         "stopped": result.stopped, "first_stop_s": result.first_stop_s, "verdict": result.verdict,
         "critical_delay_ms": result.critical_delay_ms,
     }  # fmt: skip
@@ -204,5 +204,5 @@ def _cells(values: dict[str, float]) -> list[str]:
 def _verdict(result: Result) -> str:
     if result.stopped:
         return f"unstable in {result.stopped} of {result.plants} plants, first after {result.first_stop_s:.1f} s"
-    limits = ", ".join(f"{name} {result.criteria[name]:.1f} of {limit:g} %" for name, limit in result.asked.items())
+    limits = ", ".join(f"{name} {result.criteria[name]:.1f} of {limit:g} %" for name, limit in result.required.items())
     return f"{result.verdict}: {limits}" if limits else ""

@@ -11,12 +11,12 @@ import click
 from rig.cli.options import Command, QuantityOption, json_option, out_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
-from rig.recording.foreign.foreign_file import Dialect
+from rig.recording.file_formats.table_file import Dialect
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
 if TYPE_CHECKING:
-    from rig.recording.foreign_tests import ImportedTest
+    from rig.recording.external_tests import ImportedTest
     from rig.recording.quality.point_quality import RecordQuality
     from rig.recording.quality.verdict import Section
 
@@ -177,16 +177,18 @@ def command(
     the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
     an imported run like a recorded one.
     """
-    from rig.recording.foreign_tests import WantedTests, read_tests
+    from rig.recording.external_tests import ImportSettings, read_tests
     from rig.recording.importing import Described, write_run
     from rig.recording.motion_parts import every_part
 
     sign = {"space": " ", "none": ""}.get(thousands or ",", thousands)
     dialect = Dialect(separator, decimal, encoding, header_line, units_line, sign, event_rows, sheet)
-    wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales, no_value)
-    tests = read_tests(files, wanted)
+    settings = ImportSettings(
+        columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales, no_value
+    )
+    tests = read_tests(files, settings)
     if not as_json:
-        _tell_how_read(tests)
+        _show_how_read(tests)
     if dry_run:
         parts = every_part(tests, waveform)
         for part in parts if not as_json else ():
@@ -203,16 +205,16 @@ def command(
     return _show(folder, as_json)
 
 
-def _tell_how_read(tests: Sequence[ImportedTest]) -> None:
+def _show_how_read(tests: Sequence[ImportedTest]) -> None:
     """One line for each way in which files were read, with the files, and under it the columns."""
     # loads h5py: not needed for the help
-    from rig.recording.foreign_tests import named_files
+    from rig.recording.external_tests import named_files
 
-    alike: dict[str, dict[Path, None]] = {}
+    groups: dict[str, dict[Path, None]] = {}
     for test in tests:
-        alike.setdefault(test.read_as, {})[test.source] = None
+        groups.setdefault(test.read_as, {})[test.source] = None
     count = len({test.source for test in tests})
-    for read_as, files in alike.items():
+    for read_as, files in groups.items():
         where = f"all {count} files" if len(files) == count > 1 else named_files([*files])
         dialect, *columns = read_as.split("; ")
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)

@@ -88,7 +88,7 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     for question in QUESTIONS:
         if not answers[question.key]:
             needless = question.key in _needless(answers["ecu"])
-            answers[question.key] = _asked(question) if asks and not needless else question.default
+            answers[question.key] = _ask(question) if asks and not needless else question.default
     written = write_files(folder, answers)
     if as_json:
         write_json({"folder": folder.resolve(), "files": [path.name for path in written]})
@@ -101,7 +101,7 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     return EXIT_DONE
 
 
-def _asked(question: Question) -> str:
+def _ask(question: Question) -> str:
     """Ask until the answer can be used."""
     while True:
         answer = str(click.prompt(question.text, default=question.default, err=True)).strip().replace('"', "")

@@ -50,10 +50,10 @@ class JobResult:
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig run --json`."""
-        said = {"error": error_words(self.campaign)} if self.campaign.detail else {}
+        error = {"error": error_words(self.campaign)} if self.campaign.detail else {}
         return {
             **self.campaign.to_json(),
-            **said,
+            **error,
             "fit": None if self.fit is None else str(self.fit),
             "report": None if self.report is None else str(self.report),
             "identification_error": self.error,
@@ -92,9 +92,9 @@ class Analyst:
         Returns:
             The keys of `rig.cli.analyst`'s answer; `error` is set when the operator or a fault ended the process.
         """
-        wanted = None if identify is None else identify.model_dump(exclude={"enabled"})
+        settings = None if identify is None else identify.model_dump(exclude={"enabled"})
         try:
-            print(json.dumps({"run": str(run), "identify": wanted}), file=self._process.stdin, flush=True)
+            print(json.dumps({"run": str(run), "identify": settings}), file=self._process.stdin, flush=True)
             line = self._process.stdout.readline() if self._process.stdout else ""
             answer: dict[str, Any] = json.loads(line)
         except KeyboardInterrupt:

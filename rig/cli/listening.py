@@ -333,14 +333,14 @@ def _can_words(answer: Mapping[str, Any]) -> list[str]:
             f"{name:>10}  {one['frames']:6}  {one['period_ms']:6.1f} ms  {lengths} bytes, last {one['last']}"
             + (f"   {one['message']}" if "message" in one else "")
         )
-        told = [f"changing bytes: {', '.join(map(str, one['changing']))}"] if one["changing"] else []
-        told += [
+        parts = [f"changing bytes: {', '.join(map(str, one['changing']))}"] if one["changing"] else []
+        parts += [
             f"counter in byte {place['byte']}, bits {place['lowest_bit']} to {place['lowest_bit'] + place['bits'] - 1}"
             for place in one["counters"]
         ]
-        told += [f"byte {at}: possibly a checksum" for at in one["likely_checksums"]]
-        if told:
-            lines.append(" " * 12 + "; ".join(told))
+        parts += [f"byte {at}: possibly a checksum" for at in one["likely_checksums"]]
+        if parts:
+            lines.append(" " * 12 + "; ".join(parts))
         for signal, (low, high) in one.get("signals", {}).items():
             lines.append(" " * 12 + (f"{signal} = {low:g}" if low == high else f"{signal} = {low:g} to {high:g}"))
     return lines

@@ -161,14 +161,14 @@ def _of_benchmark(words: list[str]) -> list[str]:
     return kept
 
 
-def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+def _show_version(ctx: click.Context, param: click.Parameter, shown: bool) -> None:
     """Print version and commit and end.
 
     Raises:
         Exit: always, where it is asked for.
     """
     del param
-    if not wanted or ctx.resilient_parsing:
+    if not shown or ctx.resilient_parsing:
         return
     from rig.version import described  # starts git in a checkout: only here
 
@@ -234,8 +234,8 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
         return _ended(f"rig: {text}", {"error": text, "slug": FileProblem.slug}, EXIT_USAGE, as_json=as_json)
     except (click.Abort, KeyboardInterrupt) as stop:
-        said = str(stop.__cause__) if isinstance(stop.__cause__, KeyboardInterrupt) else ""  # click passes it on so
-        text = f"stopped by operator: {said}" if said else "stopped by operator"
+        message = str(stop.__cause__) if isinstance(stop.__cause__, KeyboardInterrupt) else ""  # click passes it on so
+        text = f"stopped by operator: {message}" if message else "stopped by operator"
         return _ended(f"rig: {text}", {"error": text, "slug": OPERATOR_STOP}, EXIT_STOPPED, as_json=as_json)
     except Exception as error:  # noqa: BLE001 - a traceback helps its reader only; it goes into a file for them
         text = _defect(error)
@@ -271,7 +271,7 @@ def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) ->
     return code
 
 
-def foreign_packages(search: list[str] | None = None) -> str | None:
+def conflicting_packages(search: list[str] | None = None) -> str | None:
     """Name what is wrong with the four packages; None when all are ours.
 
     Args:
@@ -299,7 +299,7 @@ def run() -> None:
     open_standard_streams()
     # Our matrices are small: a second thread of the library waits for them busily, beside a rig that has to be watched.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if problem := foreign_packages():
+    if problem := conflicting_packages():
         take_every_character()
         say(f"rig: {problem}", err=True)
         sys.exit(EXIT_USAGE)

@@ -29,14 +29,14 @@ class QuantityOption(click.ParamType[float]):
 
     name = "quantity"
 
-    def __init__(self, wanted: str | Quantity) -> None:
-        self.wanted = wanted
+    def __init__(self, quantity: str | Quantity) -> None:
+        self.quantity = quantity
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Text to SI; what does not fit is a usage error."""
-        wanted = Quantity(self.wanted) if isinstance(self.wanted, str) else self.wanted
+        quantity = Quantity(self.quantity) if isinstance(self.quantity, str) else self.quantity
         try:
-            return wanted.convert(value)
+            return quantity.convert(value)
         except ValueError as problem:
             self.fail(str(problem), param, ctx)
 

@@ -46,7 +46,7 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def page_settings(
     address: str | None, cert: Path | None, key: Path | None, *,
-    wanted: bool = True, hold: bool = False, stay: bool = False,
+    enabled: bool = True, hold: bool = False, stay: bool = False,
 ) -> PageSettings | None:
     """The settings of a page, looked at as a whole; None where none is wanted.
 
@@ -54,7 +54,7 @@ def page_settings(
         UsageError: there are settings without a page.
         PageProblem: they cannot be used.
     """
-    if not wanted:
+    if not enabled:
         if any(option is not None for option in (address, cert, key)):
             raise click.UsageError("--page-address, --page-cert and --page-key require --page")
         if hold:

@@ -101,7 +101,7 @@ def command(
         simulator_args = (*simulator_args, "--real-time")
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
     words = _requalified(requalified, resume)
-    settings = page_settings(page_address, page_cert, page_key, wanted=page, hold=hold, stay=stay)
+    settings = page_settings(page_address, page_cert, page_key, enabled=page, hold=hold, stay=stay)
     # loads numpy and pyserial: not needed for the help
     from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis

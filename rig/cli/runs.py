@@ -58,7 +58,7 @@ def command(
     return EXIT_DONE
 
 
-def _listed(folder: Path, wanted: RunFilter, last: int | None) -> list[dict[str, Any]]:
+def _listed(folder: Path, run_filter: RunFilter, last: int | None) -> list[dict[str, Any]]:
     """One summary a run.
 
     Raises:
@@ -67,7 +67,7 @@ def _listed(folder: Path, wanted: RunFilter, last: int | None) -> list[dict[str,
     if not folder.is_dir():
         raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
     whole = str(folder.resolve())
-    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted, last)]
+    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, run_filter, last)]
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:

@@ -82,7 +82,7 @@ class PlanText:
 
 def plan_blocks(plan: Plan, *, everything: bool = False) -> Blocks:
     """The plan; of a long one the first and last rows of each group, or `everything`."""
-    items = plan.judged
+    items = plan.planned_points
     shown = _rows(items, plan) if everything or len(items) <= FEW else _groups(items, plan)
     return [*_verdict(plan), *shown, *(Note(FAIR, f"warning: {text}") for text in plan.warnings)]
 

@@ -27,7 +27,7 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
         lines.append(("", f"Once the cause has been eliminated, continue with: {resume_command(result.campaign)}"))
     elif stop is not None:
         again = resume_command(result.campaign, stop.resume)
-        text = f"{stopped_by(stop, result.detail)}: {stop.stands}. {left(stop, result)} Continue with: {again}"
+        text = f"{stopped_by(stop, result.detail)}: {stop.state_text}. {left(stop, result)} Continue with: {again}"
         lines.append(("yellow" if stop.slug in OPERATOR else "red", text))
     elif result.stopped_by is not None:
         lines.append(("red", f"Stopped by {result.stopped_by}: {result.detail}"))
@@ -49,12 +49,12 @@ def stopped_by(stop: StopReport, detail: str) -> str:
 def left(stop: StopReport, result: CampaignResult) -> str:
     """What is not finished."""
     waiting = sum(point.verdict == NOT_RUN for point in result.points)
-    said = [f"{stop.unfinished} not finished"] if stop.unfinished else []
+    parts = [f"{stop.unfinished} not finished"] if stop.unfinished else []
     if stop.unfinished and any(point.id == stop.unfinished and point.verdict == NOT_RUN for point in result.points):
         waiting -= 1
     if waiting > 0:
-        said.append("1 point not started" if waiting == 1 else f"{waiting} points not started")
-    return f"{', '.join(said) or 'All points were run'}."
+        parts.append("1 point not started" if waiting == 1 else f"{waiting} points not started")
+    return f"{', '.join(parts) or 'All points were run'}."
 
 
 def verdict_words(result: PointResult) -> str:

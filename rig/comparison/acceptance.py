@@ -179,7 +179,7 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         known = loop.values.get(key)
         why = "these points do not allow this measurement" if known is None else ""
         yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
-    for loop in _chosen(key, band, run.lacking):
+    for loop in _chosen(key, band, run.missing):
         yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point with this motion is valid", loop)
     if run.not_recorded and not band.where:
         why = f"{len(run.not_recorded)} planned point(s) were not recorded because the campaign ended early"
@@ -196,10 +196,10 @@ def _missing(key: str, band: Band, run: RunReadings, first: RunReadings) -> list
     """Motions that the first run has and a band is about, but that a later run was not tested with."""
     if not isinstance(band, LoopBand) or band.point is not None or not _chosen(key, band, run.loops):
         return []
-    told = (*run.loops, *run.lacking)
+    loops = (*run.loops, *run.missing)
     return [
         _Value(key, QUANTITIES[key].unit, loop.motion.label, NONE, (), f"{run.name} does not contain this test", loop)
-        for loop in _chosen(key, band, first.loops) if not any(loop.motion.same_as(other.motion) for other in told)
+        for loop in _chosen(key, band, first.loops) if not any(loop.motion.same_as(other.motion) for other in loops)
     ]
 
 

@@ -32,7 +32,7 @@ MOST_RUNS = 12
 NEARBY = 0.2
 """Relative difference of two motions, up to which it is worth reporting that they are not compared."""
 MOST_LABELS = 4
-WORTH_SAYING = 5e-4
+WORTH_REPORTING = 5e-4
 """Relative difference of two motions, from which a correction is reported."""
 
 
@@ -131,7 +131,7 @@ class Comparison:
                 if first is not None and later is not None and None in {first.motion.read.requested,
                                                                         later.motion.read.requested}:  # fmt: skip
                     largest = max(largest, first.motion.apart_from(later.motion))
-            if largest >= WORTH_SAYING:
+            if largest >= WORTH_REPORTING:
                 yield (
                     f"{run.name}: the measured motions differ from those of the first run by up to "
                     f"{100.0 * largest:.2g} %; "
@@ -180,7 +180,7 @@ class Comparison:
             ],
             "loops": [self._row_json(row) for row in self.rows],
             "summary": [
-                {quantity.key: None if (told := self.summary(index, quantity.key)) is None else told.to_json()
+                {quantity.key: None if (summary := self.summary(index, quantity.key)) is None else summary.to_json()
                  for quantity in LOOP_QUANTITIES}
                 for index in range(1, len(self.runs))
             ],
@@ -250,8 +250,8 @@ def compare(runs: Sequence[Path | str | Run], bands: Path | str | None = None) -
     if len(runs) > MOST_RUNS:
         raise RigError(f"got {len(runs)} runs, expected at most {MOST_RUNS}")
     read = tuple(readings_of(run if isinstance(run, Run) else Run.open(run)) for run in runs)
-    judgement = None if limits is None else evaluate(limits, read, str(bands))
-    return Comparison(read, _rows(read), judgement)
+    acceptance = None if limits is None else evaluate(limits, read, str(bands))
+    return Comparison(read, _rows(read), acceptance)
 
 
 def _rows(runs: Sequence[RunReadings]) -> tuple[MotionRow, ...]:

@@ -187,7 +187,7 @@ class RunReadings:
         model: of the fit, empty without one; `parameters` of it by name.
         load_cell: serial number and sensitivity of the load cell, empty where none is recorded.
         left_out: what was not used, a line each.
-        lacking: a reading without values of each motion that was recorded, but in no valid point.
+        missing: a reading without values of each motion that was recorded, but in no valid point.
         not_recorded: ids of points that the campaign planned and that have no file.
     """
 
@@ -199,7 +199,7 @@ class RunReadings:
     parameters: Mapping[str, FittedReading]
     load_cell: str
     left_out: tuple[str, ...]
-    lacking: tuple[LoopReading, ...] = ()
+    missing: tuple[LoopReading, ...] = ()
     not_recorded: tuple[str, ...] = ()
 
     @property
@@ -233,11 +233,11 @@ def readings_of(run: Run) -> RunReadings:
     return RunReadings(
         run, _specimen(run), loops, _singles(characteristics, points), model, parameters,
         _load_cell(first), tuple(dict.fromkeys((*run.left_out, *others))),
-        tuple(_lacking(run, loops)), _not_recorded(run),
+        tuple(_missing(run, loops)), _not_recorded(run),
     )
 
 
-def _lacking(run: Run, loops: Sequence[LoopReading]) -> Iterator[LoopReading]:
+def _missing(run: Run, loops: Sequence[LoopReading]) -> Iterator[LoopReading]:
     for point in run.points:
         if point.kind != LOOP or any(point.id in loop.ids for loop in loops):
             continue

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.conformance.choice import wanted_files
+from rig.conformance.choice import chosen_files
 from rig.conformance.peer import ACTUATOR, CURRENT_SOURCE, SENSOR, Peer, bench_text, kind_of
 
 
@@ -16,7 +16,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     """Collect the tests of what was named, and no others."""
     if not collection_path.name.startswith("test_") or collection_path.parent != Path(__file__).parent:
         return None
-    return collection_path.name not in wanted_files(config)
+    return collection_path.name not in chosen_files(config)
 
 
 @pytest.fixture(scope="session")

@@ -155,7 +155,7 @@ def test_it_opens_closes_and_opens_again(made: Made) -> None:
     assert driver.read_status().received_ns > 0
 
 
-def test_where_nobody_is_opening_raises_and_names_the_port(made: Made, peer: Peer) -> None:
+def test_opening_a_dead_port_raises_and_names_the_port(made: Made, peer: Peer) -> None:
     with pytest.raises(DriverError) as raised:
         made(peer.without_listener).driver.open()
     assert raised.value.port

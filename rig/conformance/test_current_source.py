@@ -18,7 +18,7 @@ from drivers.plugins import members_of
 from drivers.ring import Channel
 from rig.conformance.peer import Peer
 
-WANTED_A = 0.5
+TARGET_A = 0.5
 PERIOD_S = 0.01
 SETTLES_S = 3.0
 PROMPT_S = 2.0
@@ -74,7 +74,7 @@ def test_it_opens_closes_and_opens_again(made: Made) -> None:
     until(source, lambda: source.counters.statuses > statuses)
 
 
-def test_where_nobody_is_opening_raises(made: Made, peer: Peer) -> None:
+def test_opening_a_dead_port_raises(made: Made, peer: Peer) -> None:
     with pytest.raises(DriverError):
         made(peer.without_listener).open()
 
@@ -89,15 +89,15 @@ def test_it_says_who_it_is_and_how_it_is(made: Made) -> None:
     assert abs(measured_A(source)) < 0.1, "without a command the current must be 0 A"
 
 
-def test_it_drives_what_is_commanded_in_ampere_and_stops_when_told(made: Made) -> None:
+def test_it_drives_what_is_commanded_in_ampere_and_stops_on_command(made: Made) -> None:
     source = made()
     source.open()
     source.start(PERIOD_S)
     source.command(0.0, enable=True, clear_faults=True)
     until(source, lambda: source.status is not None and source.status.faults == 0)
-    source.command(WANTED_A)
-    assert source.commanded_A == WANTED_A
-    batches = until(source, lambda: abs(measured_A(source) - WANTED_A) < 0.05)
+    source.command(TARGET_A)
+    assert source.commanded_A == TARGET_A
+    batches = until(source, lambda: abs(measured_A(source) - TARGET_A) < 0.05)
     records = [record for batch in batches for record in batch.records]
     assert [value for _, _, value, _, channel, _ in records if channel == Channel.COMMANDED_CURRENT and value > 0.0]
     last = [value for _, _, value, _, channel, _ in records if channel == Channel.COIL_CURRENT][-1]
@@ -115,8 +115,8 @@ def test_a_driver_that_is_gone_leaves_no_current(made: Made) -> None:
     first.start(PERIOD_S)
     first.command(0.0, enable=True, clear_faults=True)
     until(first, lambda: first.status is not None and first.status.faults == 0)
-    first.command(WANTED_A)
-    until(first, lambda: abs(measured_A(first) - WANTED_A) < 0.05)
+    first.command(TARGET_A)
+    until(first, lambda: abs(measured_A(first) - TARGET_A) < 0.05)
     first.close()
     second = made()
     second.open()

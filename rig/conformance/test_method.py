@@ -25,24 +25,24 @@ class Bowl:
     n_parameters = 4
 
     def __init__(self, *, holes: bool = False) -> None:
-        self.asked: list[Points] = []
+        self.requests: list[Points] = []
         self.holes = holes
 
     def residuals(self, vector: Points) -> Points:
         """The terms, for methods that want them."""
-        self.asked.append(vector[None, :].copy())
+        self.requests.append(vector[None, :].copy())
         return np.asarray(vector - TARGET)
 
     def batch(self, points: Points) -> Points:
         """Values (N,) of points (N, 4)."""
-        self.asked.append(points.copy())
+        self.requests.append(points.copy())
         values = np.sum((points - TARGET) ** 2, axis=1)
         return np.where(self.holes & (points[:, 0] > 4.0), np.inf, values)
 
     @property
     def points(self) -> Points:
         """Every point that was asked for, shape (n, 4)."""
-        return np.concatenate(self.asked)
+        return np.concatenate(self.requests)
 
 
 def test_its_settings_have_defaults_and_are_a_dataclass(method_name: str) -> None:
@@ -74,7 +74,7 @@ def test_the_same_seed_gives_the_same_result_and_another_seed_another(method_nam
     assert not np.array_equal(first.history, other.history), "the method must use the random generator of the search"
 
 
-def test_the_best_point_it_ever_asked_for_is_the_result_and_history_never_rises(method_name: str) -> None:
+def test_the_best_point_it_ever_requested_is_the_result_and_history_never_rises(method_name: str) -> None:
     bowl = Bowl()
     result = minimise(bowl, method=method_name, bounds=BOX, budget=1000, seed=2)
     values = np.sum((bowl.points - TARGET) ** 2, axis=1)
@@ -95,7 +95,7 @@ def test_values_that_are_not_finite_do_no_harm(method_name: str) -> None:
     assert np.all(np.isfinite(result.best))
 
 
-def test_it_ends_when_it_is_told_to(method_name: str) -> None:
+def test_it_ends_on_request(method_name: str) -> None:
     seen: list[Progress] = []
 
     def enough(progress: Progress) -> bool:

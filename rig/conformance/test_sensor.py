@@ -67,7 +67,7 @@ def test_it_opens_closes_and_opens_again(made: Made) -> None:
     assert read(sensor, 0.5)
 
 
-def test_where_nobody_is_opening_raises_and_names_device_and_port(made: Made, peer: Peer) -> None:
+def test_opening_a_dead_port_raises_and_names_device_and_port(made: Made, peer: Peer) -> None:
     unreachable = peer.without_listener
     with pytest.raises(DriverError) as raised:
         made(url=unreachable).open()

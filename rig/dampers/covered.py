@@ -74,7 +74,7 @@ class Covered:
             outside[name] = where
         return {name: where for name, where in outside.items() if np.any(where)}
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """The ranges in words and units."""
         ranges = ", ".join(
             f"{name} {value[0]:.4g} to {value[1]:.4g}" for name, value in self.ranges() if value is not None

@@ -163,9 +163,9 @@ class TableLaw(CurrentLaw):
         self.levels_A = np.array(levels_A, dtype=float)
         rising = np.all(np.isfinite(self.levels_A)) and np.all(np.diff(self.levels_A) > 0.0)
         if self.levels_A.size < FEWEST_LEVELS or not rising:
-            told = ", ".join(f"{level:g}" for level in levels_A) or "none"
+            text = ", ".join(f"{level:g}" for level in levels_A) or "none"
             raise UnknownLaw(
-                f"{PER_CURRENT}: got currents {told} A, expected at least {FEWEST_LEVELS} in increasing order, such as "
+                f"{PER_CURRENT}: got currents {text} A, expected at least {FEWEST_LEVELS} in increasing order, such as "
                 f"{PER_CURRENT}{AT}0,1,2"
             )
         inner = self.levels_A[1:-1].tolist()

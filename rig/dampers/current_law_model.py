@@ -44,7 +44,7 @@ class CurrentLawModel(DamperModel):
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit  # loads numba
-        from rig.dampers.kernel import Instant, Kernel, Wanted, kernel_of  # loads numba
+        from rig.dampers.kernel import ForceTarget, Instant, Kernel, kernel_of  # loads numba
 
         inner, felt = kernel_of(self.base), self.law.compiled(len(self.base.parameters))
         inner_force, inner_rates, inner_rate, inner_step = inner.force, inner.rates, inner.fastest_rate, inner.step
@@ -71,8 +71,8 @@ class CurrentLawModel(DamperModel):
             return Kernel(force, rates, fastest_rate, inner.loop, step)
 
         @njit()
-        def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
-            return float(inner_held(p, state, motion, felt(p, current), wanted))
+        def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, target: ForceTarget) -> float:
+            return float(inner_held(p, state, motion, felt(p, current), target))
 
         return Kernel(force, rates, fastest_rate, inner.loop, step, held)
 

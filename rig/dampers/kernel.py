@@ -41,7 +41,7 @@ Compiled = Callable[..., Any]
 """A function compiled by numba."""
 Instant = tuple[float, float, float]
 """Extension (m about mid-stroke), velocity (m/s) and acceleration (m/s^2) at one instant."""
-Wanted = tuple[float, float]
+ForceTarget = tuple[float, float]
 """A force (N) and its rate (N/s)."""
 
 

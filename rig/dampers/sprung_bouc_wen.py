@@ -76,7 +76,7 @@ class SprungBoucWenModel(HystereticModel):
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit  # loads numba
-        from rig.dampers.kernel import Instant, Kernel, Wanted  # loads numba
+        from rig.dampers.kernel import ForceTarget, Instant, Kernel  # loads numba
         from rig.dampers.sprung_flow import MASS, OFFSET, SPRING, at_current, law, moved, remembered  # loads numba
 
         @njit()
@@ -84,11 +84,11 @@ class SprungBoucWenModel(HystereticModel):
             return float(p[OFFSET] + p[SPRING] * s0 + p[MASS] * a)
 
         @njit()
-        def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
+        def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, target: ForceTarget) -> float:
             u, v, a = motion
-            place = u - (wanted[0] - p[OFFSET] - p[MASS] * a) / p[SPRING]
+            place = u - (target[0] - p[OFFSET] - p[MASS] * a) / p[SPRING]
             at = at_current(p, current, remembered(state))
-            piston = law(p, at, place, v - wanted[1] / p[SPRING], state[1])
+            piston = law(p, at, place, v - target[1] / p[SPRING], state[1])
             return float(p[OFFSET] + piston[0] + p[MASS] * a)
 
         return Kernel(force, step=moved, held=held)

@@ -13,7 +13,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.kernel import Compiled, Instant, Wanted, cached, fingerprint, kernel_of, sampled_step
+from rig.dampers.kernel import Compiled, ForceTarget, Instant, cached, fingerprint, kernel_of, sampled_step
 
 SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate,
 AROUND_S = 1e-3  # and where what comes after is known too
@@ -137,13 +137,13 @@ def _trajectory(key: str, states: int) -> Compiled:
 
 
 @njit()
-def _bracket(forces: FloatArray, wanted: float) -> tuple[int, int]:
+def _bracket(forces: FloatArray, target: float) -> tuple[int, int]:
     """The first interval of the grid that holds the force (-1: none), and the place of the nearest force."""
     low, nearest = -1, 0
     for g in range(forces.size):
-        if abs(forces[g] - wanted) < abs(forces[nearest] - wanted):
+        if abs(forces[g] - target) < abs(forces[nearest] - target):
             nearest = g
-        if low < 0 and g + 1 < forces.size and (forces[g] - wanted) * (forces[g + 1] - wanted) <= 0.0:
+        if low < 0 and g + 1 < forces.size and (forces[g] - target) * (forces[g + 1] - target) <= 0.0:
             low = g
     return low, nearest
 
@@ -171,7 +171,7 @@ def _at_once(force: Compiled) -> Compiled:
     """`Kernel.held` of a model whose force follows the current at once, compiled."""
 
     @njit()
-    def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
+    def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, target: ForceTarget) -> float:
         s1 = state[1] if state.size > 1 else 0.0
         return float(force(p, state[0], s1, motion[0], motion[1], motion[2], current))
 
@@ -190,7 +190,7 @@ def _root(held: Compiled) -> Compiled:
         state: FloatArray,
         motion: Instant,
         misses: tuple[float, float],
-        wanted: Wanted,
+        target: ForceTarget,
     ) -> float:
         left, right, share = 0.0, 1.0, 0.0
         below, above = misses
@@ -200,7 +200,7 @@ def _root(held: Compiled) -> Compiled:
             share = left - below * (right - left) / (above - below)
             _blend(row, low, high, share)
             current = ends[0] + share * (ends[1] - ends[0])
-            miss = held(row, state, motion, current, wanted) - wanted[0]
+            miss = held(row, state, motion, current, target) - target[0]
             if miss == 0.0:
                 return share
             if miss * below > 0.0:
@@ -221,7 +221,7 @@ def _inverse(key: str, states: int) -> Compiled:
         u: FloatArray,
         v: FloatArray,
         a: FloatArray,
-        wanted: FloatArray,
+        target_N: FloatArray,
         rates: FloatArray,
         dt: float,
     ) -> FloatArray:
@@ -239,16 +239,16 @@ def _inverse(key: str, states: int) -> Compiled:
                 for place in range(size):
                     before[place] = state[place]
                 _step(row, state, u, v, a, used, dt, k - 1, k)
-            motion, aim = (u[k], v[k], a[k]), (wanted[k], rates[k])
+            motion, aim = (u[k], v[k], a[k]), (target_N[k], rates[k])
             for g in range(count):
                 forces[g] = _held(p[min(g, last)], state, motion, seen[g], aim)
-            low, nearest = _bracket(forces, wanted[k])
+            low, nearest = _bracket(forces, target_N[k])
             attainable = low >= 0
             low = low if attainable else min(nearest, count - 2)
             share = 0.0 if nearest == low else 1.0
             below, above = p[min(low, last)], p[min(low + 1, last)]
             if attainable:
-                misses = (forces[low] - wanted[k], forces[low + 1] - wanted[k])
+                misses = (forces[low] - target_N[k], forces[low + 1] - target_N[k])
                 share = _solve(row, below, above, (seen[low], seen[low + 1]), state, motion, misses, aim)
             _blend(row, below, above, share)
             used[k] = seen[low] + share * (seen[low + 1] - seen[low])
@@ -261,7 +261,7 @@ def _inverse(key: str, states: int) -> Compiled:
             answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])
             answer[k, 3] = 1.0 if attainable else 0.0
             answer[k, 4], answer[k, 5] = _span(forces)
-            more, faster = (wanted[k] + FORCE_STEP_N, rates[k]), (wanted[k], rates[k] + RATE_STEP_N_S)
+            more, faster = (target_N[k] + FORCE_STEP_N, rates[k]), (target_N[k], rates[k] + RATE_STEP_N_S)
             answer[k, 6] = 1.0 - (_held(row, state, motion, used[k], more) - answer[k, 1]) / FORCE_STEP_N
             answer[k, 7] = -(_held(row, state, motion, used[k], faster) - answer[k, 1]) / RATE_STEP_N_S
             for place in range(size):

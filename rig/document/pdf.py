@@ -96,8 +96,8 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annot
             self.setFillColor(SOFT)
             self.drawString(MARGIN, 7 * mm, str(self._doc.info.title)[:110])
             self.drawRightString(A4[0] - MARGIN, 7 * mm, f"page {number} of {len(self._kept)}")
-            for wanted, title, top in self.marks:
-                level = min(wanted, level + 1)  # an outline may not skip a level
+            for requested, title, top in self.marks:
+                level = min(requested, level + 1)  # an outline may not skip a level
                 name = f"heading{next(count)}"
                 self.bookmarkHorizontalAbsolute(name, top)
                 self.addOutlineEntry(title, name, level, closed=level > 0)
@@ -259,13 +259,13 @@ def column_widths(texts: Sequence[Sequence[str]], width: float) -> list[float]:
     """
     head = [_wide(text, bold=True) for text in texts[0]]
     least = [max((_wide(word, bold=True) for word in text.split()), default=0.0) for text in texts[0]]
-    wanted = list(least)
+    widths = list(least)
     for row in texts[1:]:
         for place, text in enumerate(row):
             least[place] = max([least[place], *(_wide(word) for word in text.split())])
-            wanted[place] = max(wanted[place], least[place], *(_wide(line) for line in text.split("\n")))
-    generous = [max(pair) for pair in zip(wanted, head, strict=True)]
-    padded = [[one + 2 * PADDING + 1.0 for one in row] for row in (generous, wanted, least)]
+            widths[place] = max(widths[place], least[place], *(_wide(line) for line in text.split("\n")))
+    generous = [max(pair) for pair in zip(widths, head, strict=True)]
+    padded = [[one + 2 * PADDING + 1.0 for one in row] for row in (generous, widths, least)]
     for most, low in itertools.pairwise(padded):
         over, room = sum(most) - width, sum(most) - sum(low)
         if over <= 0.0:

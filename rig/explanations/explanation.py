@@ -100,7 +100,7 @@ def texts() -> Mapping[str, Mapping[str, Any]]:
 
 
 def _done(row: FaultRow) -> str:
-    said = HALTED if row.halt else DONE[row.end]
+    text = HALTED if row.halt else DONE[row.end]
     if row.stop:
-        said += KEPT
-    return STAYS + said[0].lower() + said[1:] if row.reaction.startswith("W→") else said
+        text += KEPT
+    return STAYS + text[0].lower() + text[1:] if row.reaction.startswith("W→") else text

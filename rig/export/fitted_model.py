@@ -79,7 +79,7 @@ class FittedModel:
             "current I (A, in the coil, after its lag); force F (N, > 0 if it resists extension).",
             "All values are in SI units.",
             f"SHA-256 of the fit: {self.sha256}",
-            *self._judged(),
+            *self._assessment(),
             *self._softens(),
             "",
             "Parameters: value, unit, 95 % interval (each parameter separately), standard error",
@@ -94,10 +94,12 @@ class FittedModel:
             ]
         return lines
 
-    def _judged(self) -> list[str]:
+    def _assessment(self) -> list[str]:
         lines = []
         if (covered := self.covered) is not None:
-            lines.append(f"Valid within the tested range: {covered.told()}. The force outside it is an extrapolation.")
+            lines.append(
+                f"Valid within the tested range: {covered.describe()}. The force outside it is an extrapolation."
+            )
         else:
             lines.append("The tested range of this fit is unknown.")
         if self.fit.adequate is False:

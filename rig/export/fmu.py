@@ -89,9 +89,9 @@ def _description(fitted: FittedModel, source: str) -> str:
     output = 'causality="output" variability="continuous"'
     variables.append(_variable(4, "force", "Force, positive where it resists extension (N)", output, 'unit="N"'))
     for place, parameter in enumerate(fitted.model.parameters, start=5):
-        told, kind = f"{parameter.meaning} ({parameter.unit})", 'causality="local" variability="constant"'
+        text, kind = f"{parameter.meaning} ({parameter.unit})", 'causality="local" variability="constant"'
         start = f'start="{float(fitted.values[parameter.name])!r}"'
-        variables.append(_variable(place, f"p.{parameter.name}", told, kind, start))
+        variables.append(_variable(place, f"p.{parameter.name}", text, kind, start))
     last = len(variables)
     variables.append(_variable(last, "beyond", ABOUT, output, ""))
     listed = "\n".join(variables)
@@ -119,8 +119,8 @@ def _description(fitted: FittedModel, source: str) -> str:
 
 
 def _variable(place: int, name: str, about: str, kind: str, attributes: str) -> str:
-    told = f'name={quoteattr(name)} valueReference="{place}" description={quoteattr(about)} {kind}'
-    return f"    <ScalarVariable {told}><Real {attributes}/></ScalarVariable>"
+    text = f'name={quoteattr(name)} valueReference="{place}" description={quoteattr(about)} {kind}'
+    return f"    <ScalarVariable {text}><Real {attributes}/></ScalarVariable>"
 
 
 def _range(fitted: FittedModel, variable: str) -> str:
@@ -148,8 +148,8 @@ def _compiled(place: Path, source: str) -> bytes:
 
 
 def _page(fitted: FittedModel) -> str:
-    told = "\n".join(fitted.described()).replace("&", "&amp;").replace("<", "&lt;")
-    return f'<!doctype html><meta charset="utf-8"><title>{source_name(fitted)}</title>\n<pre>\n{told}\n</pre>\n'
+    text = "\n".join(fitted.described()).replace("&", "&amp;").replace("<", "&lt;")
+    return f'<!doctype html><meta charset="utf-8"><title>{source_name(fitted)}</title>\n<pre>\n{text}\n</pre>\n'
 
 
 def _archive(content: dict[str, bytes]) -> bytes:

@@ -34,7 +34,7 @@ def write_table(fitted: FittedModel, folder: Path, file: str) -> list[Path]:
     least, most = tested["current_A"]
     currents = np.linspace(least, most, CURRENTS) if most > least else np.array([least])
     forces = fitted.model.force_at(fitted.values, speeds[:, None], currents[None, :])
-    told = [*fitted.described(), "", (
+    lines = [*fitted.described(), "", (
         "Force (N) at mid-stroke at constant velocity, with the hysteresis in its steady state:"
     )]
     head = ["velocity_m_s", *(f"force_N at {current:.6g} A" for current in currents)]
@@ -42,5 +42,5 @@ def write_table(fitted: FittedModel, folder: Path, file: str) -> list[Path]:
         ",".join(repr(float(value)) for value in (speed, *row)) for speed, row in zip(speeds, forces, strict=True)
     ]
     path = folder / f"damper_{fitted.name}_table.csv"
-    write_text_durably(path, "\n".join([*(f"# {line}".rstrip() for line in told), ",".join(head), *rows, ""]))
+    write_text_durably(path, "\n".join([*(f"# {line}".rstrip() for line in lines), ",".join(head), *rows, ""]))
     return [path]

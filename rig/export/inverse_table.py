@@ -21,7 +21,7 @@ def write_inverse(fit: Path, path: Path) -> Path:
     """
     known = Fit.load(fit)
     table = known.inverse_table()
-    tested = "" if known.tested is None else known.tested.told()
+    tested = "" if known.tested is None else known.tested.describe()
     warmth = known.temperature
     lines = (
         f"# {known.model}: {known.equation}",

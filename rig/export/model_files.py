@@ -41,11 +41,11 @@ def write_c(fitted: FittedModel, folder: Path) -> list[Path]:
     """
     program, library = _program(fitted)
     name = source_name(fitted)
-    told = "\n".join(f" * {line}".rstrip().replace("*/", "* /") for line in fitted.described())
+    reported = "\n".join(f" * {line}".rstrip().replace("*/", "* /") for line in fitted.described())
     header, source = folder / f"{name}.h", folder / f"{name}.c"
     guard = f"{name.upper()}_H"
     write_text_durably(header, f"""/*
-{told}
+{reported}
  *
  * {name}_start returns the force at the first sample; {name}_step returns the force at each subsequent sample,
  * dt > 0 (s) later. Both write d, the state of the damper: use one array per damper.
@@ -101,10 +101,10 @@ def write_octave(fitted: FittedModel, folder: Path) -> list[Path]:
     """
     program, library = _program(fitted)
     name = source_name(fitted)
-    told = "\n".join(f"% {line}".rstrip() for line in fitted.described())
+    header = "\n".join(f"% {line}".rstrip() for line in fitted.described())
     path = folder / f"{name}.m"
     write_text_durably(path, f"""function [F, d, beyond] = {name}(u, v, a, current, dt, d)
-{told}
+{header}
 %
 % [F, d] = {name}(u, v, a, current, dt): force (N) at each sample of a motion with sampling interval dt (s).
 % [F, d] = {name}(u, v, a, current, dt, d): continues from the state d that an earlier call returned.
@@ -140,14 +140,14 @@ def write_python(fitted: FittedModel, folder: Path) -> list[Path]:
     """
     program, library = _program(fitted)
     names, matrix = fitted.covariance()
-    told = "\n".join(line.replace("\\", "/").replace('"""', "'''") for line in fitted.described())
+    header = "\n".join(line.replace("\\", "/").replace('"""', "'''") for line in fitted.described())
     covariance = {
         a: {b: None if math.isnan(value) else value for b, value in zip(names, row, strict=True)}
         for a, row in zip(names, matrix.tolist(), strict=True)
     }
     units = {parameter.name: parameter.unit for parameter in fitted.model.parameters}
     path = folder / f"{source_name(fitted)}.py"
-    write_text_durably(path, f'''"""{told}
+    write_text_durably(path, f'''"""{header}
 """
 
 import math  # noqa: F401 - most models need it
@@ -225,9 +225,9 @@ def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
         moving = f"  rates = {rates}({given}, current);\n"
         moving += "".join(f"  der({state}) = rates[{k}];\n" for k, state in enumerate(states, start=1))
         declared += "  Real rates[2];\n"
-    told = "\n".join(f"// {line}".rstrip() for line in fitted.described())
+    header = "\n".join(f"// {line}".rstrip() for line in fitted.described())
     path = folder / f"{name}.mo"
-    write_text_durably(path, f"""{told}
+    write_text_durably(path, f"""{header}
 block {name} "MR damper, force of motion and coil current"
   input Real u(unit = "m") "extension about mid-stroke";
   input Real v(unit = "m/s") "velocity, positive in rebound";

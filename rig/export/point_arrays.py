@@ -13,7 +13,7 @@ import numpy as np
 from rig.errors import FileProblem
 from rig.export.point_tables import described
 from rig.recording.atomic_write import write_durably
-from rig.recording.foreign.foreign_file import INSTALL_FILES
+from rig.recording.file_formats.table_file import INSTALL_FILES
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
@@ -112,8 +112,8 @@ def _parquet(point: RecordedPoint) -> bytes:
         raise FileProblem("parquet", [f"pyarrow is not installed. Fix: {INSTALL_FILES}"]) from error
     channels = _recorded(point)
     fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": UNITS[name]}) for name in channels]
-    told = {name: _text(value) for name, value in described(point).items()}
-    table = pyarrow.table(list(channels.values()), schema=pyarrow.schema(fields, metadata=told))
+    metadata = {name: _text(value) for name, value in described(point).items()}
+    table = pyarrow.table(list(channels.values()), schema=pyarrow.schema(fields, metadata=metadata))
     content = io.BytesIO()
     pyarrow.parquet.write_table(table, content)
     return content.getvalue()
@@ -131,8 +131,8 @@ def _mf4(point: RecordedPoint) -> bytes:
             Signal(values, time_s, unit=PLAIN_UNITS.get(name, UNITS[name]), name=name)
             for name, values in channels.items()
         ], comment=point.id, common_timebase=True)  # fmt: skip
-        told = "\n".join(f"{name}: {_text(value)}" for name, value in described(point).items())
-        file.header.comment = f"<HDcomment><TX>{escape(told)}</TX></HDcomment>"
+        comment = "\n".join(f"{name}: {_text(value)}" for name, value in described(point).items())
+        file.header.comment = f"<HDcomment><TX>{escape(comment)}</TX></HDcomment>"
         file.header.start_time = datetime(1970, 1, 1, tzinfo=UTC)
         file.save(content)
     return content.getvalue()

@@ -39,8 +39,8 @@ def ecu_problems(dbc: str, roles: str | Mapping[str, Any]) -> list[Problem]:
     of_dbc: list[Problem] = [(("dbc",), _of_dbc(problem, given)) for problem in contradictions if not problem.place]
     if is_file(roles):
         path = Path(str(roles))
-        told = [f"{path.name}: {line}" for line in lines_of(read_toml(path), of_roles)]
-        return [*of_dbc, *(((("roles",)), line) for line in told)]
+        problems = [f"{path.name}: {line}" for line in lines_of(read_toml(path), of_roles)]
+        return [*of_dbc, *(((("roles",)), line) for line in problems)]
     return [*of_dbc, *((("roles", *place), text) for place, text in of_roles)]
 
 

@@ -83,10 +83,10 @@ _PLACES = {
 class WrongKind(FileProblem):
     """Another of the user's files than the one that is wanted; `kind` is what it is: `bench`, `matrix`, `study`."""
 
-    def __init__(self, path: Path, kind: str, wanted: str) -> None:
+    def __init__(self, path: Path, kind: str, expected: str) -> None:
         self.kind = kind
         place = _PLACES[kind].format(path=path)
-        super().__init__(str(path), [f"this is a {kind} file, expected a {wanted} file. Fix: pass it as {place}"])
+        super().__init__(str(path), [f"this is a {kind} file, expected a {expected} file. Fix: pass it as {place}"])
 
 
 def load_section(

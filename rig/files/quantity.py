@@ -133,8 +133,8 @@ class Problems(ValueError):
     """What a check of a whole table found wrong in it, every place of it."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
-        told = (f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems)
-        super().__init__("; ".join(told))
+        messages = (f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems)
+        super().__init__("; ".join(messages))
         self.problems = tuple(problems)
 
 

@@ -89,15 +89,15 @@ def printable(text: str, longest: int = 40) -> str:
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in short)
 
 
-def _not_toml(told: str, text: str) -> str:
+def _not_toml(message: str, text: str) -> str:
     """The parser's complaint with its line first, the line itself, and what would be right."""
-    hint = next((words for start, words in _HINTS if told.startswith(start)), "")
-    place = _AT.search(told)
+    hint = next((words for start, words in _HINTS if message.startswith(start)), "")
+    place = _AT.search(message)
     if place is None:
-        return f"not valid TOML: {told}{hint and f'; {hint}'}"
+        return f"not valid TOML: {message}{hint and f'; {hint}'}"
     number = int(place[1])
     line = text.split("\n")[number - 1].strip()
-    why = hint or told[: place.start()].strip()
+    why = hint or message[: place.start()].strip()
     return f"line {number}: not valid TOML: {printable(line, 60) or 'empty line'}: {why}"
 
 

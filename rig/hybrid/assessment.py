@@ -85,10 +85,10 @@ def assess(record: Record) -> Assessment | None:
     return Assessment(0.01 * numbers["J2"] if "J2" in numbers else None, body, wheel, numbers)
 
 
-def _band_error(seen: FloatArray, wanted: FloatArray, step_s: float, band_Hz: tuple[float, float]) -> float | None:
+def _band_error(seen: FloatArray, target: FloatArray, step_s: float, band_Hz: tuple[float, float]) -> float | None:
     """RMS of the difference within a band, as a share of the wanted signal's there; None where that is next to none."""
-    inside = band_of(wanted, step_s, band_Hz)
-    if not np.std(inside) > LEAST_SHARE * np.std(wanted):
+    inside = band_of(target, step_s, band_Hz)
+    if not np.std(inside) > LEAST_SHARE * np.std(target):
         return None
     return 0.01 * rms_percent(band_of(seen, step_s, band_Hz), inside)
 

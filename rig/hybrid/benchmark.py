@@ -13,7 +13,7 @@ from rig.hybrid.compensators import OWN
 from rig.hybrid.criteria import criteria
 from rig.hybrid.delay_margin import critical_delay_s
 from rig.hybrid.earthquake import Earthquake
-from rig.hybrid.published import CRITERIA, asked_percent, sample_controller
+from rig.hybrid.published import CRITERIA, required_percent, sample_controller
 from rig.hybrid.transfer_system import TransferSystem, perturbed
 from rig.hybrid.virtual_test import Benchmark, VirtualTest
 
@@ -55,18 +55,18 @@ class Result:
         return sample_controller(self.case) if same else {}
 
     @property
-    def asked(self) -> dict[str, float]:
+    def required(self) -> dict[str, float]:
         """Limits in % on means, for this project's own compensator; empty for others."""
-        return asked_percent(self.case, self.rate_Hz) if self.compensator == OWN else {}
+        return required_percent(self.case, self.rate_Hz) if self.compensator == OWN else {}
 
     @property
     def verdict(self) -> str:
         """`unstable`: a test ended early; `refused`: a limit is exceeded; `good`: none is; empty: none is set."""
         if self.stopped:
             return "unstable"
-        if not self.asked:
+        if not self.required:
             return ""
-        return "good" if all(self.criteria[name] <= limit for name, limit in self.asked.items()) else "refused"
+        return "good" if all(self.criteria[name] <= limit for name, limit in self.required.items()) else "refused"
 
     @property
     def refused(self) -> bool:

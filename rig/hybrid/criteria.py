@@ -45,11 +45,11 @@ def delay_samples(target: FloatArray, measured: FloatArray, longest: int) -> int
     return int(np.argmax([np.corrcoef(measured[late:], target[: n - late])[0, 1] for late in range(longest + 1)]))
 
 
-def rms_percent(values: FloatArray, asked: FloatArray) -> float:
+def rms_percent(values: FloatArray, target: FloatArray) -> float:
     """RMS of the difference, without its mean, in % of the asked signal's."""
-    return float(100.0 * np.std(values - asked) / np.std(asked))
+    return float(100.0 * np.std(values - target) / np.std(target))
 
 
-def peak_percent(values: FloatArray, asked: FloatArray) -> float:
+def peak_percent(values: FloatArray, target: FloatArray) -> float:
     """Largest difference in % of the asked signal's largest value."""
-    return float(100.0 * np.max(np.abs(values - asked)) / np.max(np.abs(asked)))
+    return float(100.0 * np.max(np.abs(values - target)) / np.max(np.abs(target)))

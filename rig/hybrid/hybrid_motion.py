@@ -22,7 +22,7 @@ from rig.hybrid.lead import Lead
 from rig.hybrid.motion_bounds import Bounds, Measured, Problem, Watch
 from rig.hybrid.substructure import Sent, Substructure, Target, dot
 from rig.signals.stopping import halted_m
-from rig.vehicle.laws import CONTROL, Control, wanted_current
+from rig.vehicle.laws import CONTROL, Control, requested_current
 
 PAUSE_S = 0.5
 RETURN_S = 1.0
@@ -230,7 +230,7 @@ class HybridMotion:
         since_s = test_s - self._step * part.step_s
         now = part.target(self._state, self._force_N, self._step).after(since_s)
         self._check(now, here)
-        self.current_A = self._wanted_A(self._state)
+        self.current_A = self._target_A(self._state)
         self.moment = Moment(
             test_s, now.extension_m, here.extension_m,
             dot(part.body, self._state) + since_s * dot(part.body_speed, self._state),
@@ -278,11 +278,11 @@ class HybridMotion:
             force_N, step = after_N, step + 1
         return part.target(state, force_N, step).after(ahead_s - steps * part.step_s)
 
-    def _wanted_A(self, state: list[float]) -> float:
+    def _target_A(self, state: list[float]) -> float:
         """The current that the law asks for in a state."""
         part = self._part
         speed_m_s = dot(part.speed, state)
-        return wanted_current(
+        return requested_current(
             self._law, dot(part.body_speed, state), dot(part.wheel_speed, state), part.extension[0],
             part.assumed_N(speed_m_s, 0.0), part.assumed_N(speed_m_s, self._order.control.most_A),
         )

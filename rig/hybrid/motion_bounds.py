@@ -81,8 +81,8 @@ class Watch:
     @property
     def tracking(self) -> float:
         """RMS of the rod's distance from its target as a share of the target's RMS; 0 before it moves."""
-        apart, asked = self._squares
-        return math.sqrt(apart / asked) if asked > LEAST_SQUARES_M2 else 0.0
+        apart, targets = self._squares
+        return math.sqrt(apart / targets) if targets > LEAST_SQUARES_M2 else 0.0
 
     def add(self, now: Target, here: Measured, force_N: float) -> None:
         """One step."""
@@ -90,9 +90,9 @@ class Watch:
             return
         if self._last is not None:
             was_m, target_m, before_N = self._last
-            mean_N, wanted_m = 0.5 * (force_N + before_N), now.extension_m - target_m
-            self._error_J += mean_N * (here.extension_m - was_m - wanted_m)
-            self._work_J += abs(mean_N * wanted_m)
+            mean_N, requested_m = 0.5 * (force_N + before_N), now.extension_m - target_m
+            self._error_J += mean_N * (here.extension_m - was_m - requested_m)
+            self._work_J += abs(mean_N * requested_m)
         self._held_J = 0.5 * force_N * (here.extension_m - now.extension_m)
         self._most_held_J = max(self._most_held_J, abs(self._held_J))
         self._last = here.extension_m, now.extension_m, force_N
@@ -141,9 +141,9 @@ class Watch:
         ))  # fmt: skip
 
 
-def _beyond(judged: tuple[tuple[str, str, float, float, float], ...]) -> Problem | None:
+def _beyond(checks: tuple[tuple[str, str, float, float, float], ...]) -> Problem | None:
     """The first value that is beyond its limit, or no number: name, unit, units of it in SI, value, limit."""
-    for name, unit, scale, value, limit in judged:
+    for name, unit, scale, value, limit in checks:
         if not abs(value) <= limit:
             text = f"{name} {scale * value:.4g} {unit}; allowed: +-{scale * limit:.4g} {unit}"
             return Problem(text, value, limit)

@@ -19,7 +19,7 @@ def sample_controller(case: int) -> dict[str, float]:
     return dict(zip(CRITERIA, _SAMPLE[case], strict=True))
 
 
-def asked_percent(case: int, rate_Hz: int) -> dict[str, float]:
+def required_percent(case: int, rate_Hz: int) -> dict[str, float]:
     """Largest mean over the perturbed plants that counts as good, in %; empty where none is set (4,096 Hz).
 
     J4 at 250 Hz is asked of case 1 only: the structure's answer, not the tracking, shows what that rate carries.

@@ -130,11 +130,11 @@ def _step(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Co
             at.target[i] = 0.0
             for j in range(8):
                 at.target[i] += loop.derivatives[i, j] * at.known[j]
-    wanted = command(at.target, measured, chosen, memory)
-    wanted = min(max(np.floor(wanted / QUANTUM + 0.5) * QUANTUM, -SATURATION), SATURATION)
-    at.under_way[k % at.under_way.size] = wanted
+    current_A = command(at.target, measured, chosen, memory)
+    current_A = min(max(np.floor(current_A / QUANTUM + 0.5) * QUANTUM, -SATURATION), SATURATION)
+    at.under_way[k % at.under_way.size] = current_A
     arrived = at.under_way[(k + 1) % at.under_way.size]
-    said(arrived if chosen.kind == ADAPTIVE_MODEL else wanted, memory)
+    said(arrived if chosen.kind == ADAPTIVE_MODEL else current_A, memory)
     at.out[k, 0], at.out[k, 1], at.out[k, 2], at.out[k, 3] = at.state[0], at.state[1], at.state[2], measured
     return float(arrived)
 
@@ -300,9 +300,9 @@ class StepwiseTest:
         if self.over:
             return 0.0
         self._at.seen[:] = position_m, force_N
-        wanted = _once(*self.parts, self.steps)
+        following = _once(*self.parts, self.steps)
         self.steps += 1
-        return float(wanted)
+        return float(following)
 
     def result(self, steps: int) -> VirtualTest:
         """What so many steps gave."""

@@ -34,12 +34,12 @@ from rig.identification.per_current import fit_per_current
 from rig.identification.per_current import refuse as refuse_per_current
 from rig.identification.points.consistency import contradictions, inconsistent_runs, without_reversed_signs
 from rig.identification.points.inputs import fit_inputs
+from rig.identification.remarks import UNTRIED, say, some
 from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.scoring import score, with_extrapolations
-from rig.identification.words import UNTRIED, say, some
 from rig.matrix.corrections import Correction
 from rig.matrix.methods import FEW_MODELS
 from rig.units import DIMENSIONS, si_suffix

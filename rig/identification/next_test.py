@@ -74,12 +74,12 @@ def bench_of(folder: Path) -> Allowance | None:
     bench, matrix = Bench.load(campaign.bench), load_matrix(campaign.matrix)
 
     def feasible(point: TestPoint) -> bool:
-        wanted = {
+        settings = {
             "amplitude": f"{point.amplitude_m!r} m",
             "frequency": f"{point.frequency_Hz!r} Hz",
             "current": f"{point.current_A!r} A",
         }
-        extra = ExtraPoint.model_validate(wanted)
+        extra = ExtraPoint.model_validate(settings)
         alone = Matrix(format=1, specimen=matrix.specimen, temperature=matrix.temperature, point=(extra,))
         return all(item.feasible for item in plan(alone, bench).points)
 

@@ -27,10 +27,10 @@ from rig.identification.models.solving import Candidate, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.options import FitOptions
 from rig.identification.points.consistency import contradictions
+from rig.identification.remarks import say
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.scoring import describes, score_forces, together
-from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 from rig.signals.test_set import rounded_levels
 
@@ -166,7 +166,7 @@ def _joined(
     notes = [*state.warnings, *contradictions(state.fitted)] + [
         f"at {level.name_A:g} A: {text}" for level in levels for text in level.fit.warnings
     ]
-    notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
+    notes += [f"{test.id}: {warning}" for test in held_out for warning in test.warnings]
     if outside:
         notes.append(say("relations-beyond", tests=", ".join(outside)))
     return Fit(

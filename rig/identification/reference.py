@@ -49,8 +49,8 @@ def references(
 
 def _mean_cycle(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> Reference:
     seen, unseen = (_mean([_apart(test) for test in tests]) for tests in (fitted, held_out or fitted))
-    lacking = "" if unseen is not None else "no test has two whole cycles"
-    return Reference("mean_cycle", unseen, seen, lacking, unseen)
+    problem = "" if unseen is not None else "no test has two whole cycles"
+    return Reference("mean_cycle", unseen, seen, problem, unseen)
 
 
 def _apart(test: Measurement) -> float:

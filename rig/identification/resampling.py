@@ -32,10 +32,10 @@ from rig.identification.models.solving import Method, huber_weights, solve_weigh
 from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
 from rig.identification.points.inputs import fit_inputs
+from rig.identification.remarks import some
 from rig.identification.uncertainty.bootstrap_result import PREDICTED, bootstrap_result, intervals_of
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.words import some
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -15,8 +15,8 @@ from rig.errors import IdentificationFailed, evaluating
 from rig.identification.fitting import identify
 from rig.identification.next_test import bench_of
 from rig.identification.options import FEW, DeclaredErrors, FitOptions
+from rig.identification.remarks import say, some
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.words import say, some
 from rig.recording.atomic_write import write_durably, write_text_durably
 from rig.recording.quality.cross_checks import doubts
 from rig.recording.recorded_point import RecordedPoint

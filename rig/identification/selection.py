@@ -23,8 +23,8 @@ from rig.identification.models.measurement import Measurement, first_cycle, set_
 from rig.identification.models.separable import SearchAbandoned, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
+from rig.identification.remarks import Remark, say, some
 from rig.identification.uncertainty.scoring import score, with_extrapolations
-from rig.identification.words import Saying, say, some
 
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
 RELATIVE = "relative"
@@ -95,28 +95,28 @@ def _ordered(scores: Sequence[ModelScore], scatter_N: float = math.inf, *, withi
     Those that leave no more than the tests' scatter come first; NaN or infinite: that is not asked.
     """
     errors = [score.within_nrmse_percent_of_peak if within else score.holdout_nrmse_percent_of_peak for score in scores]
-    lacking = [score.rmse_N > TO_THE_NOISE * scatter_N for score in scores]
-    told = [error if error is not None and math.isfinite(error) else math.inf for error in errors]
+    missing = [score.rmse_N > TO_THE_NOISE * scatter_N for score in scores]
+    reported = [error if error is not None and math.isfinite(error) else math.inf for error in errors]
     least = {True: math.inf, False: math.inf}
-    for lacks, error in zip(lacking, told, strict=True):
-        least[lacks] = min(least[lacks], error)
+    for fails, error in zip(missing, reported, strict=True):
+        least[fails] = min(least[fails], error)
 
     def rank(place: int) -> tuple[bool, float, float]:
-        equal = told[place] <= least[lacking[place]] * (1.0 + EQUIVALENT)
-        return lacking[place], 0.0 if equal else told[place], scores[place].bic
+        equal = reported[place] <= least[missing[place]] * (1.0 + EQUIVALENT)
+        return missing[place], 0.0 if equal else reported[place], scores[place].bic
 
     return sorted(range(len(scores)), key=rank)
 
 
-def doubts_of(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> list[Saying]:
+def doubts_of(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> list[Remark]:
     """Warnings: that the first model is not the one that predicts best, or that an extrapolation decided."""
     if len(scores) < 2 or scores[0].holdout_nrmse_percent_of_peak is None:
         return []
     first, other, outside = scores[0], scores[_ordered(scores, within=True)[0]], scores[0].beyond
     errors = {"error": first.within_nrmse_percent_of_peak, "other_error": other.within_nrmse_percent_of_peak}
-    told = {"model": first.model, "other": other.model, **errors}
+    numbers = {"model": first.model, "other": other.model, **errors}
     if not held_out and first is not other and None not in errors.values():
-        return [say("described-first", times=other.rmse_N / first.rmse_N, **told)]
+        return [say("described-first", times=other.rmse_N / first.rmse_N, **numbers)]
     if not outside:
         return []
     quantities = in_words(name for names in outside.values() for name in names)
@@ -124,7 +124,7 @@ def doubts_of(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> 
         return [say("ranked-beyond" if held_out else "ranked-unseen-by-none", quantities=quantities)]
     if not held_out or first is other:
         return []
-    return [say("ranked-by-those-beyond", tests=some(list(outside)), quantities=quantities, **told)]
+    return [say("ranked-by-those-beyond", tests=some(list(outside)), quantities=quantities, **numbers)]
 
 
 def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measurement:
@@ -145,8 +145,8 @@ def _score(
     error = score(model, values, fitted)
     if held_out:
         covered = covered_by(fitted)
-        told = with_extrapolations(score(model, values, held_out), [beyond(covered, test) for test in held_out])
-        unseen = list(told.per_test)
+        scored = with_extrapolations(score(model, values, held_out), [beyond(covered, test) for test in held_out])
+        unseen = list(scored.per_test)
     else:
         unseen = [] if alone else cross_validated(model, fitted, method, values)
     errors = [(test.nrmse_percent_of_peak, test.beyond) for test in unseen]
@@ -182,8 +182,8 @@ def cross_validated(
         rest = [test for test in measurements if not any(test is other for other in group)]
         solution = solve(model, rest, method, examine(model, rest), near)
         covered = covered_by(rest)
-        told = with_extrapolations(score(model, solution.values, group), [beyond(covered, test) for test in group])
-        errors += told.per_test
+        scored = with_extrapolations(score(model, solution.values, group), [beyond(covered, test) for test in group])
+        errors += scored.per_test
     return errors
 
 
@@ -225,8 +225,8 @@ def weighted_by_misfit(
     Returns:
         The candidates and the method, as they were or with relative weights, and the misfit over the scatter.
     """
-    asked = method.weight is not None or method.name != SEPARABLE or method.loss != SQUARES
-    ratio = math.nan if asked or len(fitted) < 2 else misfit_over_scatter(candidates, fitted)
+    applies = method.weight is not None or method.name != SEPARABLE or method.loss != SQUARES
+    ratio = math.nan if applies or len(fitted) < 2 else misfit_over_scatter(candidates, fitted)
     if not MISFIT < ratio < math.inf:
         return list(candidates), method, ratio
     weighted, again = replace(method, weight=RELATIVE), []

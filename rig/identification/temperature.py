@@ -117,11 +117,11 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
         IdentificationFailed: a test has none, or one that no damper has.
     """
     known = [_finite(test) for test in tests]
-    lacking = [test.id for test, values in zip(tests, known, strict=True) if not values.size]
-    if lacking:
+    missing = [test.id for test, values in zip(tests, known, strict=True) if not values.size]
+    if missing:
         raise IdentificationFailed(
-            f"temperature law: {len(lacking)} of {len(tests)} tests have no recorded temperature "
-            f"({', '.join(lacking[:3])}). Fix: omit these tests, or fit without a temperature law"
+            f"temperature law: {len(missing)} of {len(tests)} tests have no recorded temperature "
+            f"({', '.join(missing[:3])}). Fix: omit these tests, or fit without a temperature law"
         )
     strange = [
         f"{test.id}: {np.min(values):.4g} to {np.max(values):.4g}"
@@ -213,8 +213,8 @@ class _Search:
     def free(self, values: Mapping[str, float], bound: Sequence[str]) -> tuple[str, ...]:
         """Names of the parameters that were fitted."""
         left_out = {*bound, *self._model.redundant, "eta"}
-        wanted = (name for name in self._model.names if name in values and name not in left_out)
-        return tuple(self.findings.free(wanted))
+        names = (name for name in self._model.names if name in values and name not in left_out)
+        return tuple(self.findings.free(names))
 
     def step(
         self, law: TemperatureLaw, values: Mapping[str, float], names: Sequence[str]

@@ -30,14 +30,14 @@ class AssumedDamper:
 
     Attributes:
         key: name of the parameter set, or SHA-256 (hex) of the fit's file.
-        told: which one, for people.
+        description: which one, for people.
         model: its force.
         values: complete parameters, SI.
         fit: the fit; None for a set.
     """
 
     key: str
-    told: str = field(compare=False)
+    description: str = field(compare=False)
     model: DamperModel = field(compare=False)
     values: Mapping[str, float] = field(compare=False)
     fit: FitRecord | None = field(compare=False, default=None)
@@ -71,26 +71,27 @@ class AssumedDamper:
         hints = [*self._extrapolated(self.fit.tested, tuple(points))]
         if self.fit.adequate is False:
             hints.append(
-                f"{self.told} does not fit its own tests within measurement noise; forecasts contain this error as well"
+                f"{self.description} does not fit its own tests within measurement noise; forecasts contain this "
+                "error as well"
             )
         if self.fit.temperature is not None:
-            hints.append(f"{self.told}: forecast at a constant damper temperature, "
+            hints.append(f"{self.description}: forecast at a constant damper temperature, "
                 f"{self.fit.temperature.reference_degC:.4g} degC")
         return tuple(hints)
 
     def _extrapolated(self, tested: TestedRange | None, points: tuple[TestPoint, ...]) -> Iterator[str]:
         ranges = {} if tested is None else dict(tested.ranges())
-        asked = {
+        reached = {
             "displacement_m": (max((point.amplitude_m for point in points), default=0.0), "m"),
             "velocity_m_s": (max((point.peak_speed_m_s for point in points), default=0.0), "m/s"),
             "current_A": (max((point.current_A for point in points), default=0.0), "A"),
         }
-        for name, (most, unit) in asked.items():
+        for name, (most, unit) in reached.items():
             ends = ranges.get(name)
             largest = math.inf if ends is None else max(map(abs, ends))
             if most > (1.0 + BEYOND) * largest + LEAST.get(name, 0.0):
                 yield (
-                    f"{self.told} was fitted to tests up to {largest:.3g} {unit}; the points reach {most:.3g} "
+                    f"{self.description} was fitted to tests up to {largest:.3g} {unit}; the points reach {most:.3g} "
                     f"{unit}, so their forces are extrapolated"
                 )
 

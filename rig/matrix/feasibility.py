@@ -178,26 +178,26 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         return
-    told = 1.0 / (point.frequency_Hz * streamed_s * bench.clock.device_rate)
-    if _beyond(FEWEST_SETPOINTS, told):
+    count = 1.0 / (point.frequency_Hz * streamed_s * bench.clock.device_rate)
+    if _beyond(FEWEST_SETPOINTS, count):
         poll_ms = 1e3 * streamed_s
         text = (
-            f"{told:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; at least {FEWEST_SETPOINTS} are "
+            f"{count:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; at least {FEWEST_SETPOINTS} are "
             "required"
         )
         if bench.clock.device_rate > 1.0:
-            text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
+            text += f". Fix: --speed {count * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         yield Reason("sampling", text)
 
 
 def _settled_current(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Whether the current source's resolution can show the current within [campaign] current_settled."""
     set_point_A, measured_A = bench.ecu.steps_A
-    wanted_A, allowed_A = point.first_current_A, matrix.campaign.current_settled_A
-    needed_A = max(_off_grid(wanted_A, measured_A), _off_grid(wanted_A, set_point_A) - 0.5 * measured_A)
+    target_A, allowed_A = point.first_current_A, matrix.campaign.current_settled_A
+    needed_A = max(_off_grid(target_A, measured_A), _off_grid(target_A, set_point_A) - 0.5 * measured_A)
     if _beyond(needed_A, allowed_A):
         text = (
-            f"[campaign] current_settled = {show(allowed_A, 'mA', 3)} cannot be reached at {wanted_A:g} A: the current "
+            f"[campaign] current_settled = {show(allowed_A, 'mA', 3)} cannot be reached at {target_A:g} A: the current "
             f"source sets it in steps of {show(set_point_A, 'mA', 3)} and measures it in steps of "
             f"{show(measured_A, 'mA', 3)}; allowed: from {show(needed_A, 'mA', 3)}"
         )
@@ -249,15 +249,15 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
                 "generates the motion itself and has no generator for this waveform",
         )
         return
-    told = 1.0 / (highest_Hz * streamed_s * bench.clock.device_rate)
-    if _beyond(FEWEST_SETPOINTS, told):
+    count = 1.0 / (highest_Hz * streamed_s * bench.clock.device_rate)
+    if _beyond(FEWEST_SETPOINTS, count):
         poll_ms = 1e3 * streamed_s
         text = (
-            f"{told:.3g} set-points per cycle at the signal's highest frequency, {highest_Hz:.3g} Hz (poll interval "
+            f"{count:.3g} set-points per cycle at the signal's highest frequency, {highest_Hz:.3g} Hz (poll interval "
             f"{poll_ms:.3g} ms); at least {FEWEST_SETPOINTS} are required"
         )
-        if bench.clock.device_rate > 1.0 and told * bench.clock.device_rate >= FEWEST_SETPOINTS:
-            text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
+        if bench.clock.device_rate > 1.0 and count * bench.clock.device_rate >= FEWEST_SETPOINTS:
+            text += f". Fix: --speed {count * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         elif point.waveform != "sweep":
             fits_Hz = 1.0 / (FEWEST_SETPOINTS * streamed_s * bench.clock.device_rate)
             text += f'. Fix: highest_frequency = "{fits_Hz:.3g} Hz"'

@@ -154,10 +154,14 @@ class HybridTable(Section):
         most_A = self.control("inverse").range_A[1]
         without_N, rise_N = prior.rise_N(most_A)
         if not rise_N > LEAST_RISE * abs(without_N):
-            yield ("law",), (
-                f"the law `inverse` computes the current from the force, but the force of {prior.told} does not rise "
-                f"with current (at {SPEED_M_S:g} m/s: {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at "
-                f"{most_A:g} A). Fix: use another law, or a fit to tests at several currents"
+            yield (
+                ("law",),
+                (
+                    f"the law `inverse` computes the current from the force, but the force of {prior.description} "
+                    "does not rise "
+                    f"with current (at {SPEED_M_S:g} m/s: {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at "
+                    f"{most_A:g} A). Fix: use another law, or a fit to tests at several currents"
+                ),
             )
 
     def control(self, law: Law) -> Control:

@@ -152,11 +152,16 @@ def warm_up_point(points: Sequence[TestPoint], forecast: Forecast, temperature: 
 
     Where heat is unknown, peak speed times (1 + current) stands for it.
     """
-    wanted = temperature.warm_up
+    warm_up = temperature.warm_up
     loops = [point for point in points if point.kind == LOOP] or list(points)
-    if wanted is not None:
+    if warm_up is not None:
         return TestPoint(
-            "warm-up", SINE.name, wanted.amplitude_m, wanted.frequency_Hz, wanted.current_A, centre_m=points[0].centre_m
+            "warm-up",
+            SINE.name,
+            warm_up.amplitude_m,
+            warm_up.frequency_Hz,
+            warm_up.current_A,
+            centre_m=points[0].centre_m,
         )
 
     def power(point: TestPoint) -> tuple[float, float]:

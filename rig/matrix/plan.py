@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from rig.bench.model import Bench
-from rig.errors import told
+from rig.errors import clean_text
 from rig.matrix.feasibility import (
     Reason,
     command_limit,
@@ -56,7 +56,7 @@ class PlannedPoint:
     @property
     def reasons(self) -> tuple[str, ...]:
         """The causes in words."""
-        return tuple(told(cause.text) for cause in self.causes)
+        return tuple(clean_text(cause.text) for cause in self.causes)
 
     @property
     def feasible(self) -> bool:
@@ -107,14 +107,14 @@ class Plan:
     warnings: tuple[str, ...] = ()
 
     @property
-    def judged(self) -> tuple[PlannedPoint, ...]:
+    def planned_points(self) -> tuple[PlannedPoint, ...]:
         """Everything that is to move: the points, and the warm-up motion where there is a temperature window."""
         return self.points if self.warm_up is None else (*self.points, self.warm_up)
 
     @property
     def feasible(self) -> bool:
         """Whether every motion is."""
-        return all(item.feasible for item in self.judged)
+        return all(item.feasible for item in self.planned_points)
 
     @property
     def duration_s(self) -> float | None:
@@ -163,10 +163,10 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     predict = forecaster(specimen)
     prediction = "unknown"
     if specimen.assumed is not None:
-        prediction = f"from {specimen.assumed.told}"
+        prediction = f"from {specimen.assumed.description}"
     elif specimen.max_force_N is not None:
         prediction = f"at most {show(specimen.max_force_N, 'N')}"
-    points = tuple(_judge(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
+    points = tuple(_check(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
     in_order = [item.point for item in points]
     warnings = (
         *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
@@ -176,13 +176,15 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         warnings += specimen.assumed.hints(item.point for item in points)
     if bench.ecu.by_hand:
         currents_A = [0.0, *(item.point.first_current_A for item in points), 0.0]
-        asked = sum(before_A != after_A for before_A, after_A in pairwise(currents_A))
-        warnings += (f"the current is set manually: the operator must change it {asked} times, after setting 0 A at "
-            "the start",)
+        changes = sum(before_A != after_A for before_A, after_A in pairwise(currents_A))
+        warnings += (
+            f"the current is set manually: the operator must change it {changes} times, after setting 0 A at "
+            "the start",
+        )
     if matrix.temperature is None:
         return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings)
     thermal = thermal_of(in_order, predict, matrix.temperature)
-    warm_up = _judged_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
+    warm_up = _checked_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
     waits_s = None
     if warm_up.feasible and all(item.energy_J is not None for item in (*points, warm_up)):
         loads = [load_of(point, predict) for point in in_order]
@@ -201,7 +203,7 @@ def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:
     return tuple(sorted(points, key=lambda point: point.first_current_A))
 
 
-def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:
+def _check(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:
     force_N, energy_J = predict(point)
     causes = (*reasons_against(point, force_N, matrix, bench), *too_hot(point, energy_J, matrix))
     return PlannedPoint(
@@ -227,16 +229,16 @@ def _highest_peaks(point: TestPoint, matrix: Matrix, bench: Bench) -> Peaks:
     return Peaks(*map(max, own, largest))
 
 
-def _judged_warm_up(
+def _checked_warm_up(
     warm_up: TestPoint, thermal: Thermal, matrix: Matrix, bench: Bench, predict: Forecast
 ) -> PlannedPoint:
     """The warm-up motion: it may heat as much as it likes, and must heat enough."""
-    judged = _judge(warm_up, matrix, bench, predict)
-    causes = [cause for cause in judged.causes if cause.slug != "heat"]
-    fits_m = judged.would_fit_m if causes else None
+    planned = _check(warm_up, matrix, bench, predict)
+    causes = [cause for cause in planned.causes if cause.slug != "heat"]
+    fits_m = planned.would_fit_m if causes else None
     ambient_degC = thermal.heat.ambient_degC
     reached_degC = ambient_degC + thermal.warm_up_W / thermal.heat.loss_W_K
-    if judged.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
+    if planned.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
         text = (
             f"warm-up reaches only {reached_degC:.3g} degC, but the temperature window starts at "
             f"{thermal.low_degC:.3g} degC. Fix: lower the temperature window, or specify a [temperature.warm_up] "
@@ -250,4 +252,4 @@ def _judged_warm_up(
             f"allows at most {limit_degC:.3g} degC. Fix: lower the temperature window"
         )
         causes.append(Reason("warm-up", text))
-    return replace(judged, causes=tuple(causes), would_fit_m=fits_m)
+    return replace(planned, causes=tuple(causes), would_fit_m=fits_m)

@@ -24,7 +24,7 @@ MOST_SHOWN = 8
 LARGEST_VALUE = 1e16
 """Of a time or a displacement as written: microseconds since 1970 are 2e15; beyond it no wholes are told apart."""
 SEPARATORS = ",;\t"
-WANTED = {"time": "time_s", "displacement": "displacement_mm"}
+COLUMNS = {"time": "time_s", "displacement": "displacement_mm"}
 DIMENSION = {"time": "time", "displacement": "length"}
 
 
@@ -45,7 +45,7 @@ def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
             "followed by rows of numbers"])
     separator = max(SEPARATORS, key=lines[0][1].count)
     names = [name.strip().strip('"') for name in lines[0][1].split(separator)]
-    places = {column: _place(path, names, column) for column in WANTED}
+    places = {column: _place(path, names, column) for column in COLUMNS}
     rows, problems = _numbers(lines[1:], separator, [place for place, _ in places.values()], len(names))
     problems += _falling(rows)
     if not problems and len(rows) < FEWEST_ROWS:
@@ -70,11 +70,11 @@ def _place(path: Path, names: list[str], column: str) -> tuple[int, float]:
         for suffix, unit in suffixes.items() if name == f"{column}_{suffix}"
     ]
     if len(columns) != 1:
-        said = "no column" if not columns else f"{len(columns)} columns"
+        found = "no column" if not columns else f"{len(columns)} columns"
         known = ", ".join(f"{column}_{suffix}" for suffix in suffixes)
         raise FileProblem(
-            str(path), [f"line 1: {said} for {column} in {', '.join(names)[:80]!r}. Fix: include the unit in the "
-                f"name of the column, such as {WANTED[column]} (one of {known})"],
+            str(path), [f"line 1: {found} for {column} in {', '.join(names)[:80]!r}. Fix: include the unit in the "
+                f"name of the column, such as {COLUMNS[column]} (one of {known})"],
         )
     return columns[0]
 

@@ -114,7 +114,7 @@ class Evaluation:
         if self._payload is None:
             self._payload = pickle.dumps(objective)
         self.shipped += 1
-        told = self.executor.submit(evaluate_chunk, self._token, part, self._payload).result()
-        if told is None:
+        reported = self.executor.submit(evaluate_chunk, self._token, part, self._payload).result()
+        if reported is None:
             raise RuntimeError(f"a worker received the objective {self._token} but still does not have it")
-        return told
+        return reported

@@ -69,7 +69,7 @@ class Access:
         bare = names if self.port == standard else set()
         return frozenset(name.lower() for name in (*(f"{name}:{self.port}" for name in names), *bare))
 
-    def judge(self, path: str, hosts: list[str], origins: list[str]) -> Role | Denied:
+    def check(self, path: str, hosts: list[str], origins: list[str]) -> Role | Denied:
         """Whether a request is answered.
 
         Args:

@@ -26,7 +26,7 @@ from rig.clock import monotonic_ns
 from rig.explanations.explanation import explained
 from rig.page.access import Role
 from rig.page.lease import Lease
-from rig.station.live_folder import APPLICATION_SOCKET, STATION_SOCKET, tell
+from rig.station.live_folder import APPLICATION_SOCKET, STATION_SOCKET, send_message
 
 LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
@@ -54,7 +54,7 @@ class Commands:
 
     def __init__(
         self, lease: Lease, folder: Callable[[], Path | None], end: Callable[[], None],
-        say: Callable[[str | Path, dict[str, Any]], bool] = tell,
+        say: Callable[[str | Path, dict[str, Any]], bool] = send_message,
     ) -> None:
         self._lease = lease
         self._folder = folder
@@ -146,10 +146,10 @@ class Commands:
                 return _refused("bad-message", do)
             passed["number"] = message["number"]
         elif do == "words":
-            said = {name: str(message[name])[:most] for name, most in WORDS.items() if name in message}
-            if not said:
+            words = {name: str(message[name])[:most] for name, most in WORDS.items() if name in message}
+            if not words:
                 return _refused("bad-message", do)
-            passed |= said
+            passed |= words
         if not self._say(folder / APPLICATION_SOCKET, passed):
             return _refused("not-reached", do)
         return {"do": do, "ok": True, **({"note": message["note"]} if "note" in message else {})}

@@ -7,7 +7,7 @@ import hashlib
 from functools import cache
 from importlib.resources import files
 
-SCRIPTS = ("charts.js", "panels.js", "opinion.js", "link.js", "page.js")
+SCRIPTS = ("charts.js", "panels.js", "banner.js", "link.js", "page.js")
 
 
 @cache

@@ -24,7 +24,7 @@ from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.text_file import open_regular
 
-TOLD = (b'"result"', b'"judged"', b'"connected"', b'"point"')
+EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
 KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
 RANKS = ("invalid", "suspect", "valid")
@@ -103,8 +103,8 @@ def _result(journal: Path) -> dict[str, Any]:
     if result is None:
         return {"cut_off": True, "points": list(points.values())}
     stop = result.get("stop")
-    stands = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
-    lines = [text for text in (str(result.get("detail") or ""), stands[:1].upper() + stands[1:]) if text]
+    state_text = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
+    lines = [text for text in (str(result.get("detail") or ""), state_text[:1].upper() + state_text[1:]) if text]
     lines += [str(one.get("text", "")) for one in _objects(result.get("findings"))]
     return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
 
@@ -127,7 +127,7 @@ def _rank(point: dict[str, Any]) -> tuple[int, bool]:
 def _events(journal: Path) -> Iterator[dict[str, Any]]:
     with contextlib.suppress(OSError, FileProblem), open_regular(journal) as file:
         for line in file:
-            if any(word in line for word in TOLD):
+            if any(word in line for word in EVENTS):
                 with contextlib.suppress(ValueError, RecursionError):
                     event = json.loads(line)
                     if isinstance(event, dict) and isinstance(event.get("event"), str):

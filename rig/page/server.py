@@ -95,8 +95,8 @@ class PageServer:
         self._commands = Commands(self._lease, lambda: run.live_folder, end)
         self._clients: dict[ServerConnection, Client] = {}
         self._frames: tuple[RingReader, Frames] | None = None
-        self._told_lease: object = None
-        self._told_run: dict[str, Any] = {}
+        self._sent_lease: object = None
+        self._sent_run: dict[str, Any] = {}
         self._reading = asyncio.Lock()
         self._recorded: dict[str, bytes | None] = {}
 
@@ -112,9 +112,9 @@ class PageServer:
         """A page or a refusal; None: a WebSocket that may begin."""
         if getattr(request, "method", "GET") != "GET":  # websockets before 16 lets nothing else come this far
             return _response(405, "refused: only GET\n")
-        judged = self._access.judge(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
-        if isinstance(judged, Denied):
-            return _response(judged.status, f"refused: {judged.slug}\n")
+        access = self._access.check(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
+        if isinstance(access, Denied):
+            return _response(access.status, f"refused: {access.slug}\n")
         if connection in _OPEN:
             _OPEN[connection] = True
         place = urlsplit(request.path).path
@@ -122,7 +122,7 @@ class PageServer:
             return Response(200, "OK", _headers(headers(), document()), document())
         if place != "/ws":
             return _response(404, "not found\n")
-        most = MOST_CLIENTS if judged is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
+        most = MOST_CLIENTS if access is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
         return _response(503, "refused: too-many-clients\n") if len(self._clients) >= most else None
 
     async def _speak(self, connection: ServerConnection) -> None:
@@ -148,11 +148,11 @@ class PageServer:
         request = connection.request
         if request is None:
             return None
-        judged = self._access.judge(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
-        if not isinstance(judged, Role):
+        access = self._access.check(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
+        if not isinstance(access, Role):
             return None
         key = parse_qs(urlsplit(request.path).query).get("client", [""])[0]
-        return Client(judged, one_line(key, LONGEST_KEY) or str(connection.id))
+        return Client(access, one_line(key, LONGEST_KEY) or str(connection.id))
 
     async def _listen(self, connection: ServerConnection) -> None:
         counted: Counter[int] = Counter()
@@ -170,7 +170,7 @@ class PageServer:
             with suppress(ConnectionClosed):  # it has left: a stop that it sent before is taken all the same
                 await connection.send(written({"type": "answer", **answer}))
             if answer.get("do") in {"lease", "release"}:
-                self._tell_lease()
+                self._send_lease()
 
     async def _send_recorded(self, connection: ServerConnection, point: str) -> None:
         """A recorded point, where the campaign has ended: beside one that runs no file is read."""
@@ -182,8 +182,8 @@ class PageServer:
                     self._recorded.clear()
                     self._recorded[point] = await asyncio.to_thread(self._run.recorded, point)
                 frame = self._recorded[point]
-        told = {"refused": refused} if frame is None else {"ok": True, "point": point}
-        await connection.send(written({"type": "answer", "do": "recorded", **told}))
+        answer = {"refused": refused} if frame is None else {"ok": True, "point": point}
+        await connection.send(written({"type": "answer", "do": "recorded", **answer}))
         if frame is not None:
             await connection.send(frame)
 
@@ -201,8 +201,8 @@ class PageServer:
             "viewer_url": self._access.url(Role.VIEWER) if client.role is Role.OPERATOR else "",
         }  # fmt: skip
 
-    def _tell_lease(self) -> None:
-        self._told_lease = self._lease.holder
+    def _send_lease(self) -> None:
+        self._sent_lease = self._lease.holder
         for connection, client in self._clients.items():
             broadcast([connection], written(self._standing(client)))
 
@@ -241,27 +241,27 @@ class PageServer:
 
     def send_changes(self) -> None:
         """Plan, verdicts, state, events and lease, each where it has changed."""
-        told: list[dict[str, Any]] = []
+        messages: list[dict[str, Any]] = []
         anew = self._run.began_or_ended()
         if anew:
             self._recorded.clear()
         planned = self._run.changed(PLAN)
-        if anew or planned or (self._run.live_folder is not None and not self._told_run.get("devices")):
+        if anew or planned or (self._run.live_folder is not None and not self._sent_run.get("devices")):
             description = self._run.description()
-            if description != self._told_run:
-                self._told_run = description
-                told.append(description)
+            if description != self._sent_run:
+                self._sent_run = description
+                messages.append(description)
         if self._run.changed(RESULTS) or anew:
-            told.append(self._run.results())
+            messages.append(self._run.results())
         if self._run.changed(STATE) or anew:
-            told.append(self._run.state())
+            messages.append(self._run.state())
         events = self._run.news()
         if events:
-            told.append({"type": "events", "events": events, "all": False})
-        for message in told:
+            messages.append({"type": "events", "events": events, "all": False})
+        for message in messages:
             broadcast(self._clients, written(message))
-        if self._lease.holder != self._told_lease:
-            self._tell_lease()
+        if self._lease.holder != self._sent_lease:
+            self._send_lease()
 
 
 def written(message: dict[str, Any]) -> str:

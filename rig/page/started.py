@@ -37,9 +37,9 @@ class PageProcess:
         Raises:
             PageProblem: it cannot be served as asked for, or did not start.
         """
-        wanted = json.dumps(replace(settings, tied=True).to_json())
+        settings_json = json.dumps(replace(settings, tied=True).to_json())
         process = subprocess.Popen(
-            [sys.executable, "-m", "rig.page", wanted], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, "-m", "rig.page", settings_json], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         answer = cls._answer(process)

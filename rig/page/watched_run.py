@@ -160,7 +160,7 @@ class WatchedRun:
         """New events of the journal, for people; kept in `events` as well."""
         run = self.run
         lines = [] if run is None else self._journal.lines(CampaignFolder(run).journal)
-        shown = [event for event in map(told, lines) if event is not None]
+        shown = [event for event in map(shown_event, lines) if event is not None]
         self.events.extend(shown)
         return shown[-KEPT_EVENTS:]
 
@@ -200,7 +200,7 @@ class Journal:
         return events
 
 
-def told(event: dict[str, Any]) -> dict[str, Any] | None:
+def shown_event(event: dict[str, Any]) -> dict[str, Any] | None:
     """One event of the journal as the page shows it; None for what people need not read."""
     kind, what = str(event.get("event", "")), str(event.get("what", ""))
     if kind == "station" and (what in QUIET or what in {"ready", "safe"}):

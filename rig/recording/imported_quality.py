@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.motion_parts import CURRENT_NOISES
-from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.verdict import Reason, Verdict, invalid, suspect
+from rig.recording.quality.verdict_rules import PointEvidence, SensorCounts, evaluate
 from rig.signals.arrays import FloatArray
 from rig.signals.current_error import loop_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
@@ -73,7 +73,7 @@ def assess(test: TestSamples, waveform: str) -> Assessment:
     random = waveform == RANDOM
     flags, lost = _flags(test, float(np.median(np.diff(test.time_s))))
     motion = None if random else measured_motion(test.time_s, test.displacement_m)
-    return Assessment(_judge(test, motion, lost, 0 if random else FEWEST_CYCLES), flags, lost, motion)
+    return Assessment(_evaluate(test, motion, lost, 0 if random else FEWEST_CYCLES), flags, lost, motion)
 
 
 def _flags(test: TestSamples, period_s: float) -> tuple[NDArray[np.int8], int]:
@@ -87,20 +87,29 @@ def _flags(test: TestSamples, period_s: float) -> tuple[NDArray[np.int8], int]:
     return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
 
 
-def _judge(
+def _evaluate(
     test: TestSamples, motion: MeasuredMotion | None, lost: int, fewest_cycles: int
 ) -> Verdict:
     quantities = {"force": test.force_N, "displacement": test.displacement_m}
-    return judge(PointEvidence(
-        sensors={name: _counts(name, test.time_s, values, lost, motion) for name, values in quantities.items()},
-        samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
-        wanted_cycles=fewest_cycles, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
-        measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
-        extra=[
-            *(_reversed(test, motion) if motion is not None or not fewest_cycles else []),
-            *_unsteady(motion), *_drifting(test, motion), *_current_off(test, motion), *_spikes(test),
-        ],
-    ))
+    return evaluate(
+        PointEvidence(
+            sensors={name: _counts(name, test.time_s, values, lost, motion) for name, values in quantities.items()},
+            samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
+            requested_cycles=fewest_cycles,
+            requested_amplitude_m=0.0,
+            requested_frequency_Hz=0.0,
+            current_tolerance_A=np.inf,
+            measured_cycles=None if motion is None else motion.cycles,
+            current_error_A=0.0,
+            extra=[
+                *(_reversed(test, motion) if motion is not None or not fewest_cycles else []),
+                *_unsteady(motion),
+                *_drifting(test, motion),
+                *_current_off(test, motion),
+                *_spikes(test),
+            ],
+        )
+    )
 
 
 def _spikes(test: TestSamples) -> Iterator[Reason]:
@@ -214,9 +223,15 @@ def _counts(
     missing = int(np.count_nonzero(~np.isfinite(values)))
     if motion is None:
         return SensorCounts(len(time_s), lost, missing)
-    stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
-    clipped = name == "force" and stood.ends >= max(2.0, CLIPPED_OF_CYCLES * motion.cycles)
-    longest = 0 if clipped else stood.longest
+    standing_runs = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    clipped = name == "force" and standing_runs.ends >= max(2.0, CLIPPED_OF_CYCLES * motion.cycles)
+    longest = 0 if clipped else standing_runs.longest
     return SensorCounts(
-        len(time_s), lost, missing, standing=longest, coarse=stood.coarse, step=stood.step, span=stood.span,
+        len(time_s),
+        lost,
+        missing,
+        standing=longest,
+        coarse=standing_runs.coarse,
+        step=standing_runs.step,
+        span=standing_runs.span,
     )

@@ -21,8 +21,8 @@ from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import write_text_durably
-from rig.recording.foreign.foreign_file import Dialect
-from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.file_formats.table_file import Dialect
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.imported_quality import TestSamples, assess
 from rig.recording.layout import AlignedChannel, PointFile
@@ -86,50 +86,50 @@ def import_tests(
     Raises:
         FileProblem: one line for each thing that does not fit: file, line, column, value. Nothing is written then.
     """
-    wanted = WantedTests(
+    settings = ImportSettings(
         columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept), ampere_per_volt,
         scales or {}, no_value,
     )
-    return write_run(read_tests(files, wanted), out, Described(waveform, specimen, mid_stroke_m))
+    return write_run(read_tests(files, settings), out, Described(waveform, specimen, mid_stroke_m))
 
 
-def write_run(tests: Sequence[ImportedTest], out: Path, said: Described) -> Path:
+def write_run(tests: Sequence[ImportedTest], out: Path, described: Described) -> Path:
     """Write tests as a run: all or nothing.
 
     Args:
-        tests: as `rig.recording.foreign_tests.read_tests` gives them.
+        tests: as `rig.recording.external_tests.read_tests` gives them.
         out: folder in which the run's directory is made.
-        said: of all tests.
+        described: of all tests.
 
     Raises:
         FileProblem: the folder cannot be written.
     """
-    folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', said.specimen)}-{secrets.token_hex(2)}"
+    folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', described.specimen)}-{secrets.token_hex(2)}"
     try:
         CampaignFolder(folder).points.mkdir(parents=True)
-        _write_run(folder, tests, said)
+        _write_run(folder, tests, described)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
         raise FileProblem(str(folder), [f"could not be written: {error}; nothing was imported"]) from error
     return folder
 
 
-def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> None:
+def _write_run(folder: Path, tests: Sequence[ImportedTest], described: Described) -> None:
     """Write one file a test and the run's description.
 
     Raises:
         OSError: the disk refuses one of them.
     """
     entries = []
-    parts = every_part(tests, said.waveform)
+    parts = every_part(tests, described.waveform)
     for name, part in zip(_names(parts), parts, strict=True):
         test = part.test
-        write_file(CampaignFolder(folder).points / f"{name}.h5", _point_file(name, part, said))
+        write_file(CampaignFolder(folder).points / f"{name}.h5", _point_file(name, part, described))
         entry = {"id": name, "source": test.source.name, "part": test.part, "sha256": test.sha256,
                  "read_as": test.read_as}  # fmt: skip
         entries.append(entry | ({"motion": part.number, "start_s": part.start_s} if part.number else {}))
     description = {
-        "id": folder.name, "imported": True, "specimen": said.specimen,
+        "id": folder.name, "imported": True, "specimen": described.specimen,
         "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
         "columns": {key: choice.text for key, choice in tests[0].choices.items()}, "points": entries,
     }
@@ -149,7 +149,7 @@ def _names(parts: Sequence[TestPart]) -> list[str]:
     return names
 
 
-def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
+def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
     test = part.test
     choices, times = test.choices, test.times
     period_s = float(np.median(np.diff(test.time_s)))
@@ -157,9 +157,9 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
     assessment = assess(TestSamples(
         test.time_s, test.displacement_m, test.force_N, velocity, test.current_A, test.nominal_current_A,
         test.current_measured,
-    ), said.waveform)  # fmt: skip
+    ), described.waveform)  # fmt: skip
     motion = assessment.motion
-    measured = motion is not None or said.waveform == RANDOM
+    measured = motion is not None or described.waveform == RANDOM
     amplitude_m, frequency_Hz = _size(test, motion) if measured else (0.0, 0.0)
     channels = [
         AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", choices["displacement"].column),
@@ -194,10 +194,10 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
     return PointFile(
         time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=assessment.flags,
         test={
-            "id": name, "waveform": said.waveform,
+            "id": name, "waveform": described.waveform,
             "amplitude_m": amplitude_m, "frequency_Hz": frequency_Hz,
             "current_A": test.nominal_current_A, "cycles": 0 if motion is None else motion.cycles,
-            "mid_stroke_m": said.mid_stroke_m, "imported": True,
+            "mid_stroke_m": described.mid_stroke_m, "imported": True,
         },
         quality=quality.attributes,
         provenance={

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign_tests import ImportedTest
+from rig.recording.external_tests import ImportedTest
 from rig.recording.quality.point_quality import RecordQuality
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import MeasuredMotion
@@ -74,7 +74,7 @@ def parts_of(test: ImportedTest, waveform: str) -> list[TestPart]:
     for number, motion in enumerate(steady, 1):
         begin_s, end_s = motion.stretch_s
         first, last = np.searchsorted(test.time_s, [begin_s, end_s]).tolist()
-        others = "; ".join(_told(other) for other in steady if other is not motion)
+        others = "; ".join(_described(other) for other in steady if other is not motion)
         parts.append(TestPart(
             _rows(test, slice(first, last)), number, len(steady), float(test.time_s[first]), motions, record_s, others
         ))
@@ -106,14 +106,16 @@ def check_one_motion(
     if len(steady) < 2:
         return
     rows = [np.searchsorted(time_s, motion.stretch_s).tolist() for motion in steady]
-    parts = [f"{_told(motion)} in rows {first} to {last}" for motion, (first, last) in zip(steady, rows, strict=True)]
+    parts = [
+        f"{_described(motion)} in rows {first} to {last}" for motion, (first, last) in zip(steady, rows, strict=True)
+    ]
     raise FileProblem(name, [
         f"the table contains {len(steady)} motions: {'; '.join(parts)}. Fix: create a separate point for each "
         "motion with table.iloc[FIRST:LAST]"
     ])  # fmt: skip
 
 
-def _told(motion: SteadyMotion) -> str:
+def _described(motion: SteadyMotion) -> str:
     """A motion in words."""
     current = f" {motion.current_A:.3g} A" if motion.current_A else ""
     return (

@@ -186,8 +186,8 @@ class RecordedPoint(TestPoint):
             description = {**sizes, **description}
             description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
         if "verdict" not in description:
-            judged = assessment.verdict
-            description |= {"verdict": judged.verdict, "reasons": judged.reasons, "lost_samples": assessment.lost}
+            verdict = assessment.verdict
+            description |= {"verdict": verdict.verdict, "reasons": verdict.reasons, "lost_samples": assessment.lost}
         stamps = None if times is None else time_quality(times)
         description.setdefault("quality", PointQuality(verdict=assessment.verdict, time=stamps))
         return cls(id=id, waveform=waveform, current_A=current_A, arrays=arrays, **description)
@@ -305,12 +305,12 @@ def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
         FileProblem: one line for each.
     """
     shapes = {key: np.shape(values) for key, values in given.items() if values is not None}
-    wanted = shapes["time_s"]
+    expected = shapes["time_s"]
     problems = [
-        f"{key} has shape {shape}, expected (n,) as for time_s: {wanted}"
-        for key, shape in shapes.items() if shape != wanted or len(shape) != 1
+        f"{key} has shape {shape}, expected (n,) as for time_s: {expected}"
+        for key, shape in shapes.items() if shape != expected or len(shape) != 1
     ]
-    if not problems and (wanted[0] < 2 or not np.all(np.diff(np.asarray(given["time_s"], np.float64)) > 0.0)):
+    if not problems and (expected[0] < 2 or not np.all(np.diff(np.asarray(given["time_s"], np.float64)) > 0.0)):
         problems.append("time_s must have two or more samples and increase from sample to sample")
     if problems:
         raise FileProblem(name, problems)

@@ -78,16 +78,16 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
         raise ValueError(f"{name} = {value!r}: expected a number in the unit that the name states") from error
 
 
-def _equal(point: object, name: str, wanted: str | float) -> bool:
+def _equal(point: object, name: str, value_wanted: str | float) -> bool:
     value = getattr(point, name)
-    if isinstance(wanted, str):
-        return str(value) == wanted
+    if isinstance(value_wanted, str):
+        return str(value) == value_wanted
     if not isinstance(value, (int, float)):
         return False
     if name == "current_A" and not getattr(point, "current_requested", True):
-        return names_current(wanted, CurrentReading(value))
+        return names_current(value_wanted, CurrentReading(value))
     measured = name in MOTION and not getattr(point, "motion_requested", True)
-    return math.isclose(value, wanted, rel_tol=NOMINAL_SHARE if measured else EXACT, abs_tol=1e-9)
+    return math.isclose(value, value_wanted, rel_tol=NOMINAL_SHARE if measured else EXACT, abs_tol=1e-9)
 
 
 @dataclass(frozen=True)
@@ -156,11 +156,11 @@ class Run:
     @property
     def left_out(self) -> tuple[str, ...]:
         """One line for each point that cannot be read or is not valid: its verdict and reasons."""
-        judged = (
+        checked = (
             f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
             for point in self.points if point.verdict != "valid"
         )
-        return (*self.unreadable, *judged)
+        return (*self.unreadable, *checked)
 
     def select(self, filter_text: str) -> tuple[RecordedPoint, ...]:
         """Points that meet every condition of a filter such as `waveform=triangle,current_A=1`.
@@ -168,8 +168,8 @@ class Run:
         Raises:
             FileProblem: the filter names no attribute of a point, or cannot be read.
         """
-        wanted = Selection.parse(filter_text)
-        return tuple(point for point in self.points if wanted.holds(point))
+        selection = Selection.parse(filter_text)
+        return tuple(point for point in self.points if selection.holds(point))
 
     def to_pandas(self) -> pd.DataFrame:
         """One row a point, those kept apart last: wanted values, verdict, reasons, losses and skew."""

@@ -80,8 +80,8 @@ class RunFilter:
 
     def holds(self, summary: Summary) -> bool:
         """Whether a run is wanted."""
-        told = (str(summary[name]) for name in ("specimen", "started", "model"))
-        return self.may_hold(*told) and self.verdict in {None, summary["verdict"]}
+        texts = (str(summary[name]) for name in ("specimen", "started", "model"))
+        return self.may_hold(*texts) and self.verdict in {None, summary["verdict"]}
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Kept:
 
 
 def listed(
-    folder: Path, summarise: Callable[[Path], Summary], wanted: RunFilter, last: int | None = None
+    folder: Path, summarise: Callable[[Path], Summary], run_filter: RunFilter, last: int | None = None
 ) -> list[Summary]:
     """Summaries of the runs in a folder, by name.
 
@@ -106,7 +106,7 @@ def listed(
         summarise: makes a run's summary from its files alone; with `specimen`, `started` (ISO 8601, UTC), `model` (by
             `campaign.json` and `fit.json`) and `verdict` (by the points), each empty where unknown. It must be what
             JSON can hold.
-        wanted: which of them.
+        run_filter: which of them.
         last: how many at most, from the end; None: all.
 
     Raises:
@@ -123,7 +123,7 @@ def listed(
     for name in reversed(present):
         kept, (own, own_ns) = known.get(name), present[name]
         same = kept is not None and kept.own == own
-        if same and kept is not None and not wanted.may_hold(kept.specimen, kept.started, kept.model):
+        if same and kept is not None and not run_filter.may_hold(kept.specimen, kept.started, kept.model):
             continue
         points, newest_ns = _points_stamp(f"{root}/{name}/{CampaignFolder.points}")
         if same and kept is not None and kept.points == points:
@@ -134,7 +134,7 @@ def listed(
                 changed[name] = _row(own, points, summary)
             elif kept is not None:
                 gone.add(name)
-        if wanted.holds(summary):
+        if run_filter.holds(summary):
             runs.append(summary)
         if len(runs) == last:
             break

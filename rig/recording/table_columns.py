@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.errors import DataWarning, FileProblem
-from rig.recording.foreign.csv_dialect import is_stamp
-from rig.recording.foreign.file_units import named_unit, units_for
-from rig.recording.foreign.text_cells import numbers_of_cells, seconds_of_stamps
-from rig.recording.foreign_tests import LARGEST, implausible, uniform_times, without_no_value
+from rig.recording.external_tests import LARGEST, implausible, uniform_times, without_no_value
+from rig.recording.file_formats.csv_dialect import is_stamp
+from rig.recording.file_formats.file_units import named_unit, units_for
+from rig.recording.file_formats.text_cells import numbers_of_cells, seconds_of_stamps
 from rig.signals.arrays import FloatArray
 from rig.signals.sample_times import SampleTimes
 from rig.units import DIMENSIONS, Unit, key_suffixes
@@ -82,7 +82,7 @@ def table_channels(
     """The channels of a table in SI, each (n,), with `time` in s, and how the times were found behind its stamps.
 
     Columns of texts that are no quantity are left out. Infinite values and numbers that stand for no value become NaN,
-    stamps with few digits the uniform rate behind them, as in files (`rig.recording.foreign_tests`).
+    stamps with few digits the uniform rate behind them, as in files (`rig.recording.external_tests`).
 
     Args:
         table: one row a sample. A column is `displacement`, `force`, `velocity`, `current` (or `current_measured`),
@@ -143,8 +143,8 @@ def table_channels(
         way_out = "Fix: specify units=dict(displacement='mm', ...), or accept=(SLUG,) to accept the value"
         raise FileProblem(where, [*doubts, way_out])
     if known.assumed:
-        told = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
-        warnings.warn(f"{where}: columns without a unit are assumed to be in SI units: {told}. "
+        units_text = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
+        warnings.warn(f"{where}: columns without a unit are assumed to be in SI units: {units_text}. "
             "Specify the units with units=dict(force='kN'), with table.attrs['units'], or in names such as "
             "force_kN", stacklevel=3)  # fmt: skip
     return channels, times
@@ -231,8 +231,10 @@ def table_time(
             (certain if kind == "certain" else bare).append((name, _seconds(source, where, known)))
     differing = [name for name, time_s in certain[1:] if not _same(certain[0][1], time_s)]
     if differing:
-        told = ", ".join("the index" if name is None else repr(name) for name, _time_s in certain)
-        raise FileProblem(where, [f"the table has several different time columns: {told}. Fix: remove all but one"])
+        names_text = ", ".join("the index" if name is None else repr(name) for name, _time_s in certain)
+        raise FileProblem(
+            where, [f"the table has several different time columns: {names_text}. Fix: remove all but one"]
+        )
     times = certain or bare
     if not times:
         raise FileProblem(where, [

@@ -65,13 +65,13 @@ def _label(compared: Comparison, index: int) -> str:
 
 def _facts(compared: Comparison) -> Facts:
     facts = []
-    if (judged := compared.judgement) is not None:
-        bad = len(judged.not_passed)
+    if (acceptance := compared.judgement) is not None:
+        bad = len(acceptance.not_passed)
         facts.append(
-            Fact("PASS", f"against {judged.bands.name}", GOOD) if judged.passed
-            else Fact("FAIL", f"against {judged.bands.name}: {bad} of {len(judged.results)} values", POOR)
+            Fact("PASS", f"against {acceptance.bands.name}", GOOD) if acceptance.passed
+            else Fact("FAIL", f"against {acceptance.bands.name}: {bad} of {len(acceptance.results)} values", POOR)
         )
-        known = [result.margin_percent for result in judged.results if math.isfinite(result.margin_percent)]
+        known = [result.margin_percent for result in acceptance.results if math.isfinite(result.margin_percent)]
         if known:
             facts.append(Fact(f"{number(min(known), 3)} %", "smallest margin, relative to the nearest limit"))
     if len(compared.runs) > 1:
@@ -85,8 +85,8 @@ def _facts(compared: Comparison) -> Facts:
     return Facts(tuple(facts))
 
 
-def _bands(judgement: AcceptanceResult, *, several: bool) -> Blocks:
-    ordered = sorted(judgement.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
+def _bands(acceptance: AcceptanceResult, *, several: bool) -> Blocks:
+    ordered = sorted(acceptance.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
     head: list[Head] = [
         "Result", "Quantity", "Where", *(["Run"] if several else []), Column("Value", "", True),
         Column(EXPANDED, "", True), Column("From", "", True), Column("To", "", True), "Unit",
@@ -94,11 +94,11 @@ def _bands(judgement: AcceptanceResult, *, several: bool) -> Blocks:
     ]  # fmt: skip
     decision = (
         "A value passes only if the margin is at least its expanded uncertainty (ISO 14253-1)."
-        if judgement.bands.decision == "guarded" else "The uncertainty does not affect the result."
+        if acceptance.bands.decision == "guarded" else "The uncertainty does not affect the result."
     )  # fmt: skip
     note = f"Margin: distance to the nearest limit, negative outside the limits. {decision}"
     rows = [_result(result, several) for result in ordered]
-    return [*section(f"Acceptance bands: {judgement.bands.name}", note), table(head, rows)]
+    return [*section(f"Acceptance bands: {acceptance.bands.name}", note), table(head, rows)]
 
 
 def _result(result: Result, several: bool) -> list[Words]:

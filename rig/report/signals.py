@@ -49,12 +49,12 @@ def signals_section(views: Sequence[PointView]) -> Blocks:
 def _row(view: PointView) -> tuple[Words, ...]:
     point, quality = view.point, view.point.quality.signal or SignalQuality()
     record_s, highest_Hz = (None, None) if point.record is None else (point.record.duration_s, point.record.highest_Hz)
-    judged_s = (
+    evaluated_s = (
         None if quality.judged_start_s is None or quality.judged_end_s is None
         else quality.judged_end_s - quality.judged_start_s
     )
     values = (
-        1e3 * point.amplitude_m, record_s, judged_s, highest_Hz or None,
+        1e3 * point.amplitude_m, record_s, evaluated_s, highest_Hz or None,
         point.current_A, _times(quality.nrms, 100.0), _times(quality.delay_s, 1e3), _times(quality.reached, 100.0),
         view.error_percent,
     )

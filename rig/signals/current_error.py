@@ -25,7 +25,7 @@ SHORTEST_HOLD = 0.25
 """Of the wanted one: a rig that outruns its host is given its steps unevenly."""
 
 
-def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, starts_s: FloatArray) -> float | None:
+def loop_error_A(time_s: FloatArray, current_A: FloatArray, target_A: float, starts_s: FloatArray) -> float | None:
     """The largest median deviation over `SHORT_S`, one cycle, or one quarter of phase of all cycles (A).
 
     The median keeps the noise of the measurement out; a short stretch shows a current that was off for a part of a
@@ -34,13 +34,13 @@ def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, sta
     Args:
         time_s: (n,) s, increasing.
         current_A: measured current (n,), A; NaN where unknown.
-        wanted_A: the loop's current, A.
+        target_A: the loop's current, A.
         starts_s: beginnings of the kept cycles and the end of the last (k + 1,), s.
 
     Returns:
         None where no current was measured.
     """
-    error_A = np.abs(current_A - wanted_A)
+    error_A = np.abs(current_A - target_A)
     bounds = np.searchsorted(time_s, starts_s)
     phase = QUARTERS * (time_s - starts_s[0]) / (starts_s[1] - starts_s[0])
     quarter = np.floor(phase).astype(np.int64) % QUARTERS
@@ -51,7 +51,7 @@ def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, sta
     first, last = np.searchsorted(time_s, begins_s), np.searchsorted(time_s, begins_s + SHORT_S)
     short = [current_A[begin:end] for begin, end in zip(first, last, strict=True) if end - begin >= FEWEST_SHORT]
     # Of few samples the deviation of the median is the less noisy estimate.
-    off_A = [abs(median_A - wanted_A) for median_A in _medians(short)]
+    off_A = [abs(median_A - target_A) for median_A in _medians(short)]
     return max([*_medians(stretches), *off_A], default=None)
 
 

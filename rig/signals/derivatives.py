@@ -371,10 +371,10 @@ def _stretch(time_s: FloatArray, displacement_m: FloatArray) -> FloatArray:
             inner[windows] = _slopes(time_s, displacement_m, windows)
         velocity[HALF_WIDTH : count - HALF_WIDTH] = inner
     ends = ((slice(0, width), slice(0, HALF_WIDTH)), (slice(count - width, count), slice(-HALF_WIDTH, None)))
-    for rows, wanted in ends if count >= WIDTH else ((slice(0, count), slice(0, count)),):
+    for rows, rows_out in ends if count >= WIDTH else ((slice(0, count), slice(0, count)),):
         centre_s = float(np.mean(time_s[rows]))
         curve, slope, _ = np.polyfit(time_s[rows] - centre_s, displacement_m[rows], 2)
-        velocity[wanted] = slope + 2.0 * curve * (time_s[wanted] - centre_s)
+        velocity[rows_out] = slope + 2.0 * curve * (time_s[rows_out] - centre_s)
     return velocity
 
 

@@ -61,13 +61,13 @@ def cutoff_Hz(displacement_m: FloatArray, spacing_s: float) -> float:
     return float(middle_Hz[first + int(np.argmax(depth))])
 
 
-def free_motion(time_s: FloatArray, displacement_m: FloatArray, wanted_s: FloatArray) -> Motion:
+def free_motion(time_s: FloatArray, displacement_m: FloatArray, query_s: FloatArray) -> Motion:
     """Displacement and its derivatives at the wanted times, noise above the motion taken off.
 
     Args:
         time_s: sample times (s), shape (n,), increasing.
         displacement_m: displacement (m), shape (n,); NaN where nothing was measured, bridged by a straight line.
-        wanted_s: times (s), shape (k,), within the samples'.
+        query_s: times (s), shape (k,), within the samples'.
 
     Raises:
         NotDifferentiable: too few samples.
@@ -83,8 +83,8 @@ def free_motion(time_s: FloatArray, displacement_m: FloatArray, wanted_s: FloatA
     share = min(1.0, PASSED * 2.0 * spacing_s * cutoff_Hz(even_m, spacing_s))
     half = ((DEGREE + 1) / share + 4.6) / 3.2
     local = savitzky_golay(even_s, even_m, 2.0 * half * spacing_s, DEGREE)
-    u, v, a = (np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2))
-    return Motion(wanted_s, u, v, a, "savitzky_golay", None)
+    u, v, a = (np.interp(query_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2))
+    return Motion(query_s, u, v, a, "savitzky_golay", None)
 
 
 def _spectrum(values: FloatArray, spacing_s: float) -> tuple[FloatArray, FloatArray]:

@@ -13,11 +13,11 @@ LARGEST_STEP_PERIODS = 1.5
 """Neighbours further apart than this many sample periods have a gap between them."""
 
 
-def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+def cubic_at(query_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
     """Cubic through the two neighbours on each side, by Lagrange's formula on the true sample times.
 
     Args:
-        wanted_s: where to evaluate (m,), s.
+        query_s: where to evaluate (m,), s.
         time_s: sample times (n,), s, increasing.
         values: samples (n,), any unit.
         period_s: nominal sample period, s.
@@ -25,8 +25,8 @@ def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, perio
     Returns:
         (m,) values; NaN where one of the four neighbours does not exist, is NaN, or lies beyond a gap.
     """
-    inside, near = _between(wanted_s, time_s, 2)
-    x = wanted_s[inside]
+    inside, near = _between(query_s, time_s, 2)
+    x = query_s[inside]
     nodes = [time_s[near + k] for k in (-2, -1, 0, 1)]
     step = LARGEST_STEP_PERIODS * period_s
     whole = np.all([later - earlier <= step for earlier, later in itertools.pairwise(nodes)], axis=0)
@@ -40,7 +40,7 @@ def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, perio
     return _placed(np.where(whole, total, np.nan), inside)
 
 
-def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+def monotone_at(query_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
     """Cubic that never leaves the range of its two neighbours (Fritsch and Butland 1984); arguments as `cubic_at`.
 
     At a sharp corner between samples it cuts the corner instead of overshooting it. Of a resolved sine with n samples a
@@ -49,12 +49,12 @@ def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, pe
     Returns:
         (m,) values; NaN as `cubic_at`.
     """
-    inside, near = _between(wanted_s, time_s, 2)
+    inside, near = _between(query_s, time_s, 2)
     steps = [time_s[near + k] - time_s[near + k - 1] for k in (-1, 0, 1)]
     slopes = [(values[near + k] - values[near + k - 1]) / step for k, step in zip((-1, 0, 1), steps, strict=True)]
     whole = np.all([step <= LARGEST_STEP_PERIODS * period_s for step in steps], axis=0)
     first, last = (_limited(steps[k], steps[k + 1], slopes[k], slopes[k + 1]) for k in (0, 1))
-    step, part = steps[1], (wanted_s[inside] - time_s[near - 1]) / steps[1]
+    step, part = steps[1], (query_s[inside] - time_s[near - 1]) / steps[1]
     rest = 1.0 - part
     curve = values[near - 1] * rest**2 * (1.0 + 2.0 * part) + values[near] * part**2 * (3.0 - 2.0 * part)
     curve += step * part * rest * (rest * first - part * last)
@@ -62,9 +62,9 @@ def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, pe
     return _placed(np.where(whole, np.clip(curve, low, high), np.nan), inside)
 
 
-def _between(wanted_s: FloatArray, time_s: FloatArray, either_side: int) -> tuple[BoolArray, IntArray]:
+def _between(query_s: FloatArray, time_s: FloatArray, either_side: int) -> tuple[BoolArray, IntArray]:
     """Which of the wanted times have so many samples on either side (m,), and each one's first sample after it."""
-    right = np.searchsorted(time_s, wanted_s, side="right")
+    right = np.searchsorted(time_s, query_s, side="right")
     inside = (right >= either_side) & (right <= len(time_s) - either_side)
     return inside, right[inside]
 
@@ -84,20 +84,20 @@ def _limited(before: FloatArray, after: FloatArray, slope: FloatArray, next_slop
     return np.where(same, slope * next_slope / mixed, 0.0)
 
 
-def linear_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+def linear_at(query_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
     """Straight line between the two neighbours; arguments and result as `cubic_at`."""
-    inside, near = _between(wanted_s, time_s, 1)
+    inside, near = _between(query_s, time_s, 1)
     step = time_s[near] - time_s[near - 1]
-    part = (wanted_s[inside] - time_s[near - 1]) / step
+    part = (query_s[inside] - time_s[near - 1]) / step
     line = values[near - 1] + part * (values[near] - values[near - 1])
     return _placed(np.where(step <= LARGEST_STEP_PERIODS * period_s, line, np.nan), inside)
 
 
-def status_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, *, by_arrival: bool) -> FloatArray:
+def status_at(query_s: FloatArray, time_s: FloatArray, values: FloatArray, *, by_arrival: bool) -> FloatArray:
     """A status value at wanted times (m,), s: straight between neighbouring frames, NaN across lost ones.
 
     Args:
-        wanted_s: where to evaluate (m,), s.
+        query_s: where to evaluate (m,), s.
         time_s: times of the frames (n,), s; those that do not come after all before are left out.
         values: (n,), any unit.
         by_arrival: the times are arrivals, which are irregular: up to two lost frames are then not told from late ones.
@@ -105,17 +105,17 @@ def status_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, *, b
     increasing = np.diff(np.maximum.accumulate(time_s), prepend=-np.inf) > 0
     time_s, values = time_s[increasing], values[increasing]
     if len(time_s) < 3:
-        return np.full(len(wanted_s), np.nan)
+        return np.full(len(query_s), np.nan)
     period_s = float(np.median(np.diff(time_s)))
-    return linear_at(wanted_s, time_s, values, 2.0 * period_s if by_arrival else period_s)
+    return linear_at(query_s, time_s, values, 2.0 * period_s if by_arrival else period_s)
 
 
-def flags_at(wanted_s: FloatArray, time_s: FloatArray, flags: NDArray[np.int8]) -> NDArray[np.int8]:
+def flags_at(query_s: FloatArray, time_s: FloatArray, flags: NDArray[np.int8]) -> NDArray[np.int8]:
     """Flags (m,) of the two neighbours of each wanted time, joined; 0 beyond the ends."""
-    result = np.zeros(len(wanted_s), np.int8)
+    result = np.zeros(len(query_s), np.int8)
     if len(time_s) < 2:
         return result
-    right = np.searchsorted(time_s, wanted_s, side="right")
+    right = np.searchsorted(time_s, query_s, side="right")
     inside = (right >= 1) & (right <= len(time_s) - 1)
     near = right[inside]
     result[inside] = flags[near] | flags[near - 1]

@@ -219,7 +219,7 @@ class LoadTrain:
             return None
         if self._before:
             usual = _usual(self._before)
-            if not _alike(cycle, usual) or (len(self._before) == 1 and _settles(cycle, usual)):
+            if not _similar(cycle, usual) or (len(self._before) == 1 and _settles(cycle, usual)):
                 self.forget()
             elif change := difference(cycle, usual) or self._weaker(usual):
                 return change
@@ -273,7 +273,7 @@ class LoadTrain:
 def measured_cycle(force: Samples, displacement: Samples, servo: Samples | None) -> Cycle | None:
     """A cycle's force (N), displacement (m) and servo error (m) in numbers; None where they are too few or stand."""
     force_N, displacement_m = force.values, displacement.values
-    if min(len(force_N), len(displacement_m)) < FEWEST_SAMPLES or _stands(force_N) or _stands(displacement_m):
+    if min(len(force_N), len(displacement_m)) < FEWEST_SAMPLES or _is_constant(force_N) or _is_constant(displacement_m):
         return None
     at_force_m = displacement.at(force.phases)
     closed_N, closed_m = np.append(force_N, force_N[0]), np.append(at_force_m, at_force_m[0])
@@ -302,7 +302,7 @@ def _usual(before: deque[Cycle]) -> Cycle:
     return Cycle(*np.median([astuple(cycle) for cycle in before], axis=0).tolist())
 
 
-def _alike(cycle: Cycle, usual: Cycle) -> bool:
+def _similar(cycle: Cycle, usual: Cycle) -> bool:
     """Both are cycles of one motion."""
     apart_m = SAME_SHAPE * usual.stroke_m + NOISES * usual.noise_m
     same_stroke = abs(cycle.stroke_m - usual.stroke_m) <= apart_m
@@ -325,7 +325,7 @@ def _noise(values: FloatArray) -> float:
     return max(noise_of(values), 0.5 * float(np.min(steps)) if coarse and len(steps) else 0.0)
 
 
-def _stands(values: FloatArray) -> bool:
+def _is_constant(values: FloatArray) -> bool:
     """One value repeats for a part of the cycle, of a sensor whose values do not."""
     equal = np.diff(values) == 0.0
     ends = np.flatnonzero(np.diff(np.concatenate(([False], equal, [False])).astype(np.int8)))

@@ -152,8 +152,8 @@ def _by_phase(time_s: FloatArray, values: FloatArray, start_s: FloatArray) -> Fl
     if np.count_nonzero(known) < PHASES // 4:
         return None
     grid = np.arange(PHASES) / PHASES
-    wanted_s = start_s[:-1, None] + grid[None, :] * np.diff(start_s)[:, None]
-    return np.asarray(np.interp(wanted_s, time_s[known], values[known]))
+    grid_s = start_s[:-1, None] + grid[None, :] * np.diff(start_s)[:, None]
+    return np.asarray(np.interp(grid_s, time_s[known], values[known]))
 
 
 def _largest_play_m(forces: FloatArray, moves: FloatArray, noise_N: float) -> float:
@@ -258,6 +258,6 @@ def standing(values: FloatArray) -> Standing:
     elsewhere[starts[longest] : starts[longest] + lengths[longest]] = False
     coarse = bool(np.any(elsewhere)) and float(np.mean(equal[elsewhere])) > REPEATED_SHARE
     at_extreme = 0 if coarse or not np.any(extreme) else int(np.max(lengths[extreme]))
-    alike = np.count_nonzero((known[starts] == known[starts[longest]]) & (2 * lengths > lengths[longest]))
-    ends = int(alike) if extreme[longest] and moves and not coarse else 0
+    similar = np.count_nonzero((known[starts] == known[starts[longest]]) & (2 * lengths > lengths[longest]))
+    ends = int(similar) if extreme[longest] and moves and not coarse else 0
     return Standing(int(lengths[longest]), at_extreme, coarse, step, high - low, ends)

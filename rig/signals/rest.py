@@ -204,7 +204,7 @@ class ZeroDrift:
     flagged: int
 
     @property
-    def judged(self) -> bool:
+    def is_checked(self) -> bool:
         """Whether the readings can tell; not those of a stuck sensor, whose noise is gone at the end."""
         (first, first_own), (last, last_own) = self.start, self.end
         few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES
@@ -217,7 +217,7 @@ class ZeroDrift:
 
     def significant(self) -> Drifted | None:
         """What has drifted when the two agree less at the end than at the start, beyond tolerance and noise."""
-        if not self.judged:
+        if not self.is_checked:
             return None
         (first, first_own), (last, last_own) = self.start, self.end
         drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)
@@ -233,7 +233,7 @@ def _noise(first: Reading, last: Reading) -> float:
     return SURE * (1.0 + FEW / freedom) * math.sqrt(variance * (1.0 / first.count + 1.0 / last.count))
 
 
-def stands(values: FloatArray, tolerance: float) -> bool:
+def is_constant(values: FloatArray, tolerance: float) -> bool:
     """Whether a signal, shape (n,), shows one value: both halves of it have the same mean, within a tolerance."""
     half = len(values) // 2
     return abs(float(np.mean(values[:half]) - np.mean(values[half:]))) <= tolerance

@@ -93,7 +93,7 @@ class SampleTimes:
         return self.base in {TimeBase.ROUNDED, TimeBase.JITTER}
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """The time base in words; empty where the times are uniform as they are read."""
         few = f"time stamps in steps of {1e3 * self.resolution_s:.4g} ms" if self.resolution_s > 0.0 else "time stamps"
         if self.base is TimeBase.ROUNDED:

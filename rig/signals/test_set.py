@@ -107,8 +107,8 @@ class MotionReading:
     def __post_init__(self) -> None:
         measured = (self.amplitude_m, self.frequency_Hz)
         if self.requested is not None and not all(
-            math.isfinite(wanted) and (not math.isfinite(one) or abs(one - wanted) <= MISSED_SHARE * abs(wanted))
-            for one, wanted in zip(measured, self.requested, strict=True)
+            math.isfinite(given) and (not math.isfinite(one) or abs(one - given) <= MISSED_SHARE * abs(given))
+            for one, given in zip(measured, self.requested, strict=True)
         ):
             object.__setattr__(self, "requested", None)
 
@@ -304,7 +304,7 @@ class TestSet:
         return cls(current_levels(currents), motion_groups(motions))
 
     @property
-    def alike(self) -> list[list[int]]:
+    def identical(self) -> list[list[int]]:
         """Tests (their numbers) of one motion and one current together; those whose current changes are left out."""
         groups: dict[tuple[int, int], list[int]] = {}
         for number, (motion, level) in enumerate(zip(self.motions.of_test, self.currents.of_test, strict=True)):

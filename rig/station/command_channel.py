@@ -93,7 +93,7 @@ class CommandChannel:
 
     def await_status(
         self,
-        wanted: Callable[[ActuatorStatus], bool],
+        reached: Callable[[ActuatorStatus], bool],
         slug: str,
         message: str,
         timeout_s: float = ACK_TIMEOUT_S,
@@ -103,7 +103,7 @@ class CommandChannel:
         """Wait for a status.
 
         Args:
-            wanted: what it must show.
+            reached: what it must show.
             slug: the refusal's slug when it does not come.
             message: what is then missing.
             timeout_s: wall seconds to wait.
@@ -114,7 +114,7 @@ class CommandChannel:
         """
         supervisor = self._supervisor
         status = self._actuator.wait_status(
-            lambda answer: wanted(answer) or (until_trip and supervisor.trip is not None), timeout_s
+            lambda answer: reached(answer) or (until_trip and supervisor.trip is not None), timeout_s
         )
         if until_trip and supervisor.trip is not None:
             raise StationRefused("tripped", f"{message}: {supervisor.trip.slug} tripped")

@@ -23,9 +23,9 @@ NOTHING_STOPS_IT = (
     "the actuator has no watchdog and its pressure cannot be switched off: nothing would stop the actuator if this "
     "host failed"
 )
-ASKED = 100
+REQUESTS = 100
 """So many times the controller is asked for its status one after the other, for the time that an answer takes."""
-ASKED_TIMEOUT_S = 10.0
+REQUEST_TIMEOUT_S = 10.0
 BAUD_RATES = (921_600, 460_800, 230_400, 115_200, 57_600, 38_400, 19_200, 9_600, 4_800, 2_400, 1_200)
 LISTEN_S = 0.3
 LONGEST_READ_S = 0.05
@@ -131,17 +131,17 @@ def _look_at_the_controller(actuator: ActuatorThread, seen: Seen) -> None:
     if not math.isfinite(status.position_m):
         seen.fails("feedback-lost", f"the controller's position is {status.position_m}, not a number")
     try:
-        seen.answers_s = actuator.call(_answer_times, ASKED_TIMEOUT_S)
+        seen.answers_s = actuator.call(_answer_times, REQUEST_TIMEOUT_S)
     except (DriverError, TimeoutError) as error:
-        seen.fails("no-answer", f"actuator: no answer to {ASKED} consecutive requests: {error}")
+        seen.fails("no-answer", f"actuator: no answer to {REQUESTS} consecutive requests: {error}")
 
 
 def _answer_times(driver: Actuator) -> tuple[float, ...]:
     times_s = []
-    for _ in range(ASKED):
-        asked_ns = monotonic_ns()
+    for _ in range(REQUESTS):
+        request_ns = monotonic_ns()
         driver.read_status()
-        times_s.append((monotonic_ns() - asked_ns) * 1e-9)
+        times_s.append((monotonic_ns() - request_ns) * 1e-9)
     return tuple(times_s)
 
 

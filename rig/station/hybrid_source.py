@@ -71,7 +71,7 @@ class HybridSource:
         self._append = append
         self._coil = coil
         self._commanded_A = motion.current_A
-        self._said = ""
+        self._reported_phase = ""
         self._stopped = False
 
     def at(self, elapsed_s: float) -> Setpoint | None:
@@ -81,27 +81,27 @@ class HybridSource:
         sent = motion.at(elapsed_s, Measured(_or_nan(force_N), _or_nan(position_m)))
         if motion.moment is not None:
             self._append(_records(motion.moment, motion.outcome.steps, now_ns))
-        if str(motion.phase) != self._said:
-            self._said = str(motion.phase)
-            self._tell(now_ns)
+        if str(motion.phase) != self._reported_phase:
+            self._reported_phase = str(motion.phase)
+            self._report(now_ns)
         if motion.problem is not None and not self._stopped:
             self._stopped = True
-            self._tell(now_ns)
+            self._report(now_ns)
             problem = motion.problem
             self._supervisor.report([Finding(SLUG, problem.text, now_ns, problem.value, problem.limit)])
         if self._coil is not None:
             self._command(self._coil, now_ns)
             if sent is None:
-                self._coil.law_judge.follow(law=False)
+                self._coil.law_interlock.follow(law=False)
         return None if sent is None else Setpoint(sent.position_m, sent.velocity_m_s)
 
     def _command(self, coil: CurrentSourceThread, now_ns: int) -> None:
         """Ask for the law's current; nothing once the test is stopped or a trip has taken it away."""
-        wanted_A = self._motion.current_A
-        if self._stopped or abs(wanted_A - self._commanded_A) < LEAST_CHANGE_A:
+        target_A = self._motion.current_A
+        if self._stopped or abs(target_A - self._commanded_A) < LEAST_CHANGE_A:
             return
         try:
-            coil.set_current(wanted_A)
+            coil.set_current(target_A)
         except StationRefused:
             self._coil = None  # 0 A is latched: a trip is under way
         except DriverError as error:
@@ -109,9 +109,9 @@ class HybridSource:
             self._supervisor.report([Finding("can-lost", "the current of the control law could not be "
                 f"sent: {error}", now_ns)])
         else:
-            self._commanded_A = wanted_A
+            self._commanded_A = target_A
 
-    def _tell(self, now_ns: int) -> None:
+    def _report(self, now_ns: int) -> None:
         """Tell the application where in its course the test is, and what it says of itself."""
         outcome = self._motion.outcome
         self._supervisor.pass_on({
@@ -153,7 +153,7 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
     sensors = Sensors(devices.load_cell.value, devices.lvdt.position_m)
     coil = devices.coil if commanded else None
     source = HybridSource(HybridMotion(order), sensors, supervisor, devices.append, coil)
-    devices.coil.law_judge.follow(law=commanded)
+    devices.coil.law_interlock.follow(law=commanded)
     return begin(source, order.duration_s, devices, supervisor, commands)
 
 

@@ -152,7 +152,7 @@ def received(inbox: socket.socket) -> dict[str, Any] | None:
     return message if isinstance(message, dict) else {}
 
 
-def tell(path: str | Path, message: dict[str, Any]) -> bool:
+def send_message(path: str | Path, message: dict[str, Any]) -> bool:
     """Send a message; never blocks. False: no receiver, or it does not read."""
     with contextlib.suppress(OSError, ValueError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as outbox:
         outbox.setblocking(False)

@@ -126,7 +126,7 @@ def begin(
     config = devices.config
     halted_s = config.limits.speed_m_s / config.actuator.halt_deceleration_m_s2
     supervisor.movement = Movement(halted_s + SPEED_WINDOW_S)
-    devices.actuator.judge.expect_program(duration_s, 1.0)
+    devices.actuator.interlock.expect_program(duration_s, 1.0)
     status = commands.compute(source)
     return {"program_id": status.program_id, "state": state_name(status.state)}
 
@@ -153,7 +153,7 @@ def start_cycles(
         raise StationRefused("matrix-infeasible", f"start: {'; '.join(problems)}")
     period_s = 1.0 / program.frequency_Hz
     supervisor.movement = Movement(config.actuator.fade_out_cycles * period_s, period_s)
-    actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
+    actuator.interlock.expect_program(program.all_cycles * period_s, program.all_cycles)
     status = commands.command(Command.START, program)
     return {"program_id": status.program_id, "state": state_name(status.state)}
 

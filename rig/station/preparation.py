@@ -114,8 +114,8 @@ class Preparation:
         if missing:
             bad = coil.thrown_away
             failing = "; frames are received but fail their checks" if bad else ""
-            told = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
-            raise StationRefused(bad or "no-answer", told)
+            message = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
+            raise StationRefused(bad or "no-answer", message)
         return identity
 
     def prepare_controller(self) -> ActuatorLimits:
@@ -139,13 +139,13 @@ class Preparation:
             self._commands.await_status(
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "the controller remains tripped"
             )
-        wanted = self._limits()
+        limits = self._limits()
         if not (actuator.capabilities.limits_read_back or actuator.capabilities.settings_written):
-            return wanted
+            return limits
         actuator.expect_settings(False)
-        actuator.call(lambda driver: driver.write_limits(wanted), ACK_TIMEOUT_S)
+        actuator.call(lambda driver: driver.write_limits(limits), ACK_TIMEOUT_S)
         held = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
-        for name, value in asdict(wanted).items():
+        for name, value in asdict(limits).items():
             if not math.isclose(getattr(held, name), value, rel_tol=READ_BACK_SHARE):
                 raise StationRefused(
                     "modbus-write-lost", f"arm: wrote {name} = {value}, but the controller returned "
@@ -160,12 +160,12 @@ class Preparation:
         Raises:
             StationRefused: another host keeps it.
         """
-        judge = self._devices.actuator.judge
-        judge.leased = False
+        interlock = self._devices.actuator.interlock
+        interlock.leased = False
         if not self._devices.actuator.capabilities.lease:
             if self._devices.actuator.capabilities.acquires:
                 self._commands.command(Command.ACQUIRE)
-            judge.leased = True
+            interlock.leased = True
             return
         deadline_ns = monotonic_ns() + int(LEASE_WAIT_S * 1e9)
         while True:
@@ -183,7 +183,7 @@ class Preparation:
             lambda status: status.owner == owner, "second-master", f"the controller does not report {owner} (this "
                 "host) as the owner"
         )
-        judge.leased = True
+        interlock.leased = True
 
     def _limits(self) -> ActuatorLimits:
         config = self._config
@@ -231,18 +231,19 @@ class Preparation:
         coil = self._devices.coil
         if coil.tells_bad_commands:
             return
-        asked_A = min(PROBE_A, self._config.limits.current_A)
-        measured_A, current_A = coil.try_current(asked_A), coil.fresh_current_A
-        if measured_A <= 0.5 * asked_A:
+        requested_A = min(PROBE_A, self._config.limits.current_A)
+        measured_A, current_A = coil.try_current(requested_A), coil.fresh_current_A
+        if measured_A <= 0.5 * requested_A:
             raise StationRefused(
                 "ecu-command",
-                f"arm: the ECU {coil.describe()}: {asked_A:g} A was commanded at rest, but the measured current does "
+                f"arm: the ECU {coil.describe()}: {requested_A:g} A was commanded at rest, but the measured "
+                "current does "
                 f"not follow ({measured_A:.3f} A). The ECU rejects the commands, or its output stage has no power; "
                 "check the protection of the command message (profile, E2E data ID, counter) and the DBC file",
             )
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A after the test with "
-                f"{asked_A:g} A, expected 0 A")
+                f"{requested_A:g} A, expected 0 A")
 
     def starve_watchdog(self) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
@@ -290,9 +291,9 @@ class Preparation:
         is only reported.
         """
         supervisor, actuator = self._supervisor, self._devices.actuator
-        able, before = actuator.capabilities, actuator.judge.status
+        able, before = actuator.capabilities, actuator.interlock.status
         supervisor.starve(proving=True, feeding=False)
-        actuator.judge.leased = False
+        actuator.interlock.leased = False
         try:
             if able.releases or able.lease:
                 self._commands.command(Command.RELEASE)
@@ -301,7 +302,7 @@ class Preparation:
                 self._end_watchdog()
         except (StationRefused, DriverError, TimeoutError) as error:
             slug = error.slug if isinstance(error, StationRefused) else "modbus-halfopen"
-            supervisor.tell(slug, f"the controller's original state was not restored: {error}")
+            supervisor.warn(slug, f"the controller's original state was not restored: {error}")
 
     def _end_watchdog(self) -> None:
         """Wait for the trip of a watchdog that is not fed any more, and reset it.

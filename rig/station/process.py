@@ -67,9 +67,9 @@ class Station:
         self.supervisor.start()
         if self.config.stop_socket:
             try:
-                self._stop_socket = StopSocket(Path(self.config.stop_socket), self._asked_to_stop)
+                self._stop_socket = StopSocket(Path(self.config.stop_socket), self._stop_requested)
             except OSError as error:
-                self.supervisor.tell("station-link", "only the application can stop the rig; the page cannot: "
+                self.supervisor.warn("station-link", "only the application can stop the rig; the page cannot: "
                     f"{error}")
         self.link.emit(
             {
@@ -94,7 +94,7 @@ class Station:
             # The application lives as long as it asks.
             threading.Thread(target=self._answer, args=(message, str(do)), name=f"request-{do}", daemon=True).start()
 
-    def _asked_to_stop(self, by: str) -> None:
+    def _stop_requested(self, by: str) -> None:
         """A stop that did not come from the application; before the ports are open there is nothing to stop."""
         if self.requests.connected:
             self.supervisor.ask_stop(StopKind.FADE_OUT, "operator", f"Stop requested on the page by {by}")
@@ -155,13 +155,13 @@ class Station:
         return supervisor.proved_safe
 
 
-def real_time_priority(wanted: bool) -> str | None:
+def real_time_priority(enabled: bool) -> str | None:
     """Take SCHED_FIFO for this process and the threads it starts.
 
     Returns:
         Why it was not taken, None when it was or was not wanted.
     """
-    if not wanted:
+    if not enabled:
         return None
     if not hasattr(os, "sched_setscheduler"):
         return "this system does not support SCHED_FIFO"

@@ -158,10 +158,10 @@ class Requests:
             self._connected = False
             self._devices.close()
             raise
-        for lacking, without in capabilities.lacking():
-            self._supervisor.tell(f"actuator-without-{lacking}", without)
-        for lacking, without in self._devices.coil.lacking:
-            self._supervisor.tell(f"ecu-without-{lacking}", without)
+        for name, without in capabilities.lacking():
+            self._supervisor.warn(f"actuator-without-{name}", without)
+        for name, without in self._devices.coil.lacking:
+            self._supervisor.warn(f"ecu-without-{name}", without)
         return answer
 
     def _arm(self, arguments: Arguments) -> Answer:

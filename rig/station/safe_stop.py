@@ -111,7 +111,7 @@ class SafeStop:
         repeated_ns: host time of the last (re)sent stop command.
         standstill: proved.
         current_zero: True proved, False not (yet).
-        current_judged: the current's deadline has been judged.
+        current_checked: the current's deadline has been judged.
         current_left_A: the current last measured behind its deadline (A); None: none was measured, or it went to 0 A.
         current_s: that deadline (s).
         current_due_ns: host time from which it counts: the trip, or when a current that was gone came back.
@@ -130,7 +130,7 @@ class SafeStop:
     repeated_ns: int = 0
     standstill: bool = False
     current_zero: bool = False
-    current_judged: bool = False
+    current_checked: bool = False
     current_left_A: float | None = None
     watchdog_s: float = 0.0
     current_s: float = CURRENT_LIMIT_S
@@ -246,7 +246,7 @@ def advance(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAct
     """
     if stop.finished:
         return stop, ()
-    stop, actions = _judge_current(stop, inputs)
+    stop, actions = _check_current(stop, inputs)
     if actions:
         # A current that stays asks for a stronger stop; nothing is concluded before that is under way.
         return stop, actions
@@ -261,19 +261,19 @@ def _elapsed_s(since_ns: int, inputs: StopInputs) -> float:
     return (inputs.now_ns - since_ns) / 1e9
 
 
-def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
+def _check_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:
-        return replace(stop, current_zero=True, current_judged=True, current_left_A=None), ()
+        return replace(stop, current_zero=True, current_checked=True, current_left_A=None), ()
     if stop.current_zero and inputs.current_A is not None:
         # It has come back, or one sample was noise: it is given the time that a current is given at first.
-        stop = replace(stop, current_judged=False, current_due_ns=inputs.now_ns)
+        stop = replace(stop, current_checked=False, current_due_ns=inputs.now_ns)
     stop = replace(stop, current_zero=False)
     silent_s = 0.0 if inputs.current_A is not None else stop.current_falls_s or 0.0
     allowed_s = max(stop.current_s, silent_s) / min(1.0, stop.device_rate)
     if _elapsed_s(stop.current_due_ns, inputs) <= allowed_s:
         return stop, ()
     first = stop.current_left_A is None
-    stop = replace(stop, current_judged=True)
+    stop = replace(stop, current_checked=True)
     if inputs.current_A is None:
         return stop, ()
     stop = replace(stop, current_left_A=inputs.current_A)
@@ -354,7 +354,7 @@ def _conclude(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopA
     The state is unknown if the last measurement shows a current, or if the source is silent and has no time-out after
     which it goes to 0 A.
     """
-    if not (stop.current_zero or stop.current_judged):
+    if not (stop.current_zero or stop.current_checked):
         return stop, ()
     silent = inputs.current_A is None and stop.current_falls_s is None
     flows = stop.current_left_A is not None or silent

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.station.live_folder import bound, received, tell
+from rig.station.live_folder import bound, received, send_message
 from rig.station.log import say_error
 
 BREATH_S = 0.005
@@ -44,7 +44,7 @@ class StopSocket:
     def close(self) -> None:
         """Listen no longer."""
         self._ending.set()
-        tell(self._path, {})  # wakes it
+        send_message(self._path, {})  # wakes it
         self._thread.join(timeout=2.0 * LOOK_S)
         self._inbox.close()
 
@@ -55,7 +55,7 @@ class StopSocket:
                     continue
                 message = received(self._inbox)
                 if message is not None and message.get("do") == "stop":
-                    self._stop(asked_by(message))
+                    self._stop(requester(message))
             except OSError:
                 return
             except Exception:  # noqa: BLE001 - whatever is wrong with one message, the next stop counts
@@ -63,7 +63,7 @@ class StopSocket:
             time.sleep(BREATH_S)
 
 
-def asked_by(message: dict[str, object]) -> str:
+def requester(message: dict[str, object]) -> str:
     """Who asks, on one printable line of at most 80 characters."""
     text = "".join(sign if sign.isprintable() else " " for sign in str(message.get("by", "")))
     return text[:LONGEST_NAME].strip() or "unknown client"

@@ -143,8 +143,8 @@ class Supervisor:
     def proved_without_pressure(self) -> bool:
         """The last stop ended in proved standstill with the pressure off, whatever became of the current."""
         stop = self.stop
-        stands = stop is not None and stop.finished and stop.standstill
-        return stands and self._motion is not None and self._motion.pressure_name == "off"
+        at_rest = stop is not None and stop.finished and stop.standstill
+        return at_rest and self._motion is not None and self._motion.pressure_name == "off"
 
     def evidence(self) -> dict[str, object]:
         """Current, position, controller state and pressure as they are now; None where stale; the source's time-out."""
@@ -187,7 +187,7 @@ class Supervisor:
 
         What the station itself slept through comes first: it is the cause of what is found after it.
         """
-        if self.host.untold:
+        if self.host.has_unreported:
             self._own_lateness()
         self._finish(self._act(findings))
 
@@ -223,9 +223,9 @@ class Supervisor:
     def ask_stop(self, kind: StopKind, slug: str, detail: str) -> None:
         """Stop because the application asks for it, whatever is armed."""
         row = REACTIONS.get(slug, REACTIONS["operator"])
-        self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, kind, asked=True))
+        self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, kind, requested=True))
 
-    def tell(self, slug: str, detail: str) -> None:
+    def warn(self, slug: str, detail: str) -> None:
         """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
         self._emit({"event": "warning", "slug": slug, "detail": detail, "count": 1, "t_ns": monotonic_ns()})
 
@@ -267,14 +267,16 @@ class Supervisor:
             warning: dict[str, object] = {"event": "warning", "slug": finding.slug, "detail": finding.detail}
             self._emit({**warning, "count": count + 1, "t_ns": now_ns})
 
-    def _latch(self, finding: Finding, row: FaultRow, kind: StopKind, *, asked: bool = False) -> tuple[StopAction, ...]:
+    def _latch(
+        self, finding: Finding, row: FaultRow, kind: StopKind, *, requested: bool = False
+    ) -> tuple[StopAction, ...]:
         """Latch and tell, both under one lock: what the application hears first is what came first.
 
         Returns:
             What the stop has to do now.
         """
         # A stop asked for is never a halt: only a detector's row knows of a hard limit.
-        halt = row.halt and not asked
+        halt = row.halt and not requested
         with self._lock:
             now_ns = monotonic_ns()
             first = self.trip is None

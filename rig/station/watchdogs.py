@@ -84,7 +84,7 @@ class HostWatch:
         self._awake_ns = now_ns
         self._heard_ns = now_ns
         self._kept: deque[BlindTime] = deque(maxlen=MOST_KEPT)
-        self._untold: deque[BlindTime] = deque(maxlen=MOST_KEPT)
+        self._unreported: deque[BlindTime] = deque(maxlen=MOST_KEPT)
         self._lock = threading.Lock()
 
     def watch(self, now_ns: int) -> None:
@@ -163,14 +163,14 @@ class HostWatch:
     def take(self) -> BlindTime | None:
         """A blind time that was not taken yet, the oldest first."""
         try:
-            return self._untold.popleft()
+            return self._unreported.popleft()
         except IndexError:
             return None
 
     @property
-    def untold(self) -> bool:
+    def has_unreported(self) -> bool:
         """There are blind times to take."""
-        return bool(self._untold)
+        return bool(self._unreported)
 
     def finding(self, blind: BlindTime) -> Finding | None:
         """What stops the rig: a blind time, or the last second's together, beyond what is allowed."""
@@ -211,7 +211,7 @@ class HostWatch:
         self.worst_ns = max(self.worst_ns, length_ns)
         blind = BlindTime(begin_ns, end_ns, idle_ns >= length_ns)
         self._kept.append(blind)
-        self._untold.append(blind)
+        self._unreported.append(blind)
 
 
 class Listener:
@@ -230,11 +230,11 @@ class Listener:
         """Nothing was read until now, and nothing was meant to be."""
         self._before_ns = now_ns
 
-    def returned(self, asked_s: float, now_ns: int, *, heard: bool) -> int:
+    def returned(self, request_s: float, now_ns: int, *, heard: bool) -> int:
         """A read came back.
 
         Args:
-            asked_s: the longest it was to take (s).
+            request_s: the longest it was to take (s).
             now_ns: when it came back.
             heard: with data.
 
@@ -242,7 +242,7 @@ class Listener:
             Blind time since the read before (ns): what has come now may have waited for so long.
         """
         host, before_ns, self._before_ns = self._host, self._before_ns, now_ns
-        over_ns = now_ns - before_ns - int(1e9 * asked_s)
+        over_ns = now_ns - before_ns - int(1e9 * request_s)
         if over_ns > SHORTEST_NS:
             host.blind(now_ns - over_ns, now_ns)
         if heard:

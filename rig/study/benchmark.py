@@ -93,52 +93,54 @@ def run_benchmark(
             results of another benchmark.
     """
     started_ns = time.monotonic_ns()
-    wanted = load_benchmark(path)
-    sets = find_all(wanted, path.absolute().parent)
+    benchmark = load_benchmark(path)
+    sets = find_all(benchmark, path.absolute().parent)
     folder.mkdir(parents=True, exist_ok=True)
-    entries = [(one, *pair) for one in sets if one.complete for pair in competitors(wanted)]
-    tell = report or (lambda progress: None)
-    with ResultsFile(folder / "results.jsonl", wanted.fingerprint) as results:
+    entries = [(one, *pair) for one in sets if one.complete for pair in competitors(benchmark)]
+    report_progress = report or (lambda progress: None)
+    with ResultsFile(folder / "results.jsonl", benchmark.fingerprint) as results:
         todo = [entry for entry in entries if _key(*entry) not in results]
         done = len(entries) - len(todo)
-        tell(StudyProgress(done, len(entries), None, "", "fits"))
-        for line in _lines(wanted, todo, processes or os.cpu_count() or 1):
+        report_progress(StudyProgress(done, len(entries), None, "", "fits"))
+        for line in _lines(benchmark, todo, processes or os.cpu_count() or 1):
             results.add(line)
             done += 1
-            tell(StudyProgress(done, len(entries), None, str(line["key"]), "fits"))
+            report_progress(StudyProgress(done, len(entries), None, str(line["key"]), "fits"))
         lines = [results.lines[_key(*entry)] for entry in entries]
     table = benchmark_table(sets, lines)
-    lacking = [one.lacking for one in sets if not one.complete]
+    missing = [one.missing_message for one in sets if not one.complete]
     facts = {
-        "name": wanted.name,
+        "name": benchmark.name,
         "summary": f"{len(entries)} entries; {sum(one.complete for one in sets)} of {len(sets)} data sets.",
         "recordings": [_source(one) for one in sets],
         "entries": len(entries),
-        "left_out": lacking,
-        "made": provenance(path, folder, wanted.benchmark.seed, wanted.fingerprint, lines)
+        "left_out": missing,
+        "made": provenance(path, folder, benchmark.benchmark.seed, benchmark.fingerprint, lines)
         | {"plug_ins": sorted({code for _, *pair in entries if (code := code_of(*pair))})},
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
-    return BenchmarkOutcome(write_outputs(folder, wanted.name, [table], {}, {}, facts), table, facts)
+    return BenchmarkOutcome(write_outputs(folder, benchmark.name, [table], {}, {}, facts), table, facts)
 
 
-def _lines(wanted: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], processes: int) -> Iterator[dict[str, Any]]:
+def _lines(
+    benchmark: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], processes: int
+) -> Iterator[dict[str, Any]]:
     """Results as they come; with one process in this one."""
     if processes == 1:
         for entry in todo:
-            yield run_entry(wanted, *entry)
+            yield run_entry(benchmark, *entry)
         return
     with local_workers(processes) as workers:
-        for future in as_completed([workers.executor.submit(run_entry, wanted, *entry) for entry in todo]):
+        for future in as_completed([workers.executor.submit(run_entry, benchmark, *entry) for entry in todo]):
             yield future.result()
 
 
-def competitors(wanted: BenchmarkFile) -> list[tuple[str, str]]:
+def competitors(benchmark: BenchmarkFile) -> list[tuple[str, str]]:
     """Model and method of every entry: all models by separable, the searched ones by every other method.
 
     The three steps identify the normalised Bouc-Wen model only.
     """
-    chosen = wanted.benchmark
+    chosen = benchmark.benchmark
     models = tuple(MODELS) if chosen.models == "all" else chosen.models
     methods = known_methods() if chosen.methods == "all" else chosen.methods
     pairs = [(REFERENCE, REFERENCE)]
@@ -181,7 +183,7 @@ def _checksum(target: str) -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]
 
 
-def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> dict[str, Any]:
+def run_entry(benchmark: BenchmarkFile, found: Found, model: str, method: str) -> dict[str, Any]:
     """In a worker: fit and score one entry on every split.
 
     Returns:
@@ -194,7 +196,7 @@ def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> d
         if method == REFERENCE:
             rows = _reference_rows(folds)
         else:
-            rows = [_row(model, method, [_scored(wanted, fold, model, method) for fold in folds])]
+            rows = [_row(model, method, [_scored(benchmark, fold, model, method) for fold in folds])]
     except RigError as error:
         rows = [{"model": model, "method": method, "note": str(error)[:300]}]
     except Exception as error:  # of a plug-in: whatever foreign code raises is told as its own failure
@@ -226,8 +228,8 @@ class _Scored:
     evaluations: int
 
 
-def _scored(wanted: BenchmarkFile, fold: Fold, model: str, method: str) -> _Scored:
-    chosen = wanted.benchmark
+def _scored(benchmark: BenchmarkFile, fold: Fold, model: str, method: str) -> _Scored:
+    chosen = benchmark.benchmark
     if method == SEPARABLE:
         fit = identify(fold.fitted, model=model, holdout=fold.unseen, diagnose=False)
         if fit.holdout is None:
@@ -267,8 +269,8 @@ def _row(model: str, method: str, scored: Sequence[_Scored]) -> dict[str, Any]:
 
 def _beyond(test: TestError) -> str:
     """In what a test lies beyond the data of its fit."""
-    told = in_words(test.beyond or ())
-    return f" (extrapolated: {told})" if told else ""
+    text = in_words(test.beyond or ())
+    return f" (extrapolated: {text})" if text else ""
 
 
 def _reference_rows(folds: Sequence[Fold]) -> list[dict[str, Any]]:

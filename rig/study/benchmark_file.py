@@ -108,11 +108,11 @@ def load_benchmark(path: Path) -> BenchmarkFile:
     Raises:
         FileProblem: with every wrong entry of the file at once.
     """
-    wanted, source = load_section(path, BenchmarkFile, "benchmark")
+    benchmark, source = load_section(path, BenchmarkFile, "benchmark")
     named = {
-        "models": (wanted.benchmark.models, tuple(MODELS)),
-        "searched": (wanted.benchmark.searched, tuple(MODELS)),
-        "methods": (wanted.benchmark.methods, known_methods()),
+        "models": (benchmark.benchmark.models, tuple(MODELS)),
+        "searched": (benchmark.benchmark.searched, tuple(MODELS)),
+        "methods": (benchmark.benchmark.methods, known_methods()),
     }
     problems = [
         problem_at(source, ("benchmark", key), f"got {name!r}, expected one of {', '.join(known)}")
@@ -121,11 +121,11 @@ def load_benchmark(path: Path) -> BenchmarkFile:
         for name in names
         if name not in known
     ]
-    names = [one.name for one in wanted.recordings]
+    names = [one.name for one in benchmark.recordings]
     problems += [f"recordings: name: got {name!r} twice" for name in sorted(set(names)) if names.count(name) > 1]
     if problems:
         raise FileProblem(str(path), problems)
-    return wanted
+    return benchmark
 
 
 def is_benchmark(path: Path) -> bool:

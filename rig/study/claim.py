@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be told"
-ALIKE = 0.1
+EQUAL_SHARE = 0.1
 """Relative difference of means below which nothing is said to be better."""
 SIGNIFICANT = 0.05
 

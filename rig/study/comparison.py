@@ -87,9 +87,9 @@ def run_study(
         with _workers(processes, scheduler) as workers:
             run_cells(study, cells, results, workers, report)
         total = len(searches(cells, ()))
-        tell = report or (lambda progress: None)
+        report_progress = report or (lambda progress: None)
         if study.parallel is not None:
-            tell(StudyProgress(total, total, None, "", "timing serial and parallel computation"))
+            report_progress(StudyProgress(total, total, None, "", "timing serial and parallel computation"))
             time_parallel(study.parallel, bench, results)
         lines = dict(results.lines)
     facts = {
@@ -102,7 +102,7 @@ def run_study(
         "left_out": bench.left_out,
         "made": provenance(path, folder, study.seed, bench.fingerprint, lines.values()),
     }
-    tell(StudyProgress(total, total, None, "", "writing tables and figures"))
+    report_progress(StudyProgress(total, total, None, "", "writing tables and figures"))
     minima, driven = study_minima(study, bench), rides(study, lines)
     tables = study_tables(study, bench, lines, minima, driven)
     tests = study_tests(study, lines)
@@ -180,18 +180,18 @@ def study_tests(study: StudyFile, lines: dict[str, dict[str, Any]]) -> dict[str,
     Returns:
         What was compared -> test.
     """
-    wanted, model = study.comparison, study.comparison.models[0]
+    settings, model = study.comparison, study.comparison.models[0]
     tests = {"all settings": _over_all_settings(study, lines)}
-    for budget in wanted.budgets:
+    for budget in settings.budgets:
         groups = {
             f"{TITLES[m]}, N={N}": setting_values(study, lines, model, m, N, budget)
-            for m in wanted.methods
-            for N in wanted.populations
+            for m in settings.methods
+            for N in settings.populations
         }
         tests[f"methods and populations at fun_evals={budget}"] = kruskal_wallis(groups)
-    for population in wanted.populations:
-        for budget in wanted.budgets:
-            groups = {TITLES[m]: setting_values(study, lines, model, m, population, budget) for m in wanted.methods}
+    for population in settings.populations:
+        for budget in settings.budgets:
+            groups = {TITLES[m]: setting_values(study, lines, model, m, population, budget) for m in settings.methods}
             tests[f"methods at N={population}, fun_evals={budget}"] = kruskal_wallis(groups)
     best = best_settings(study, lines)
     tuned = {TITLES[m]: setting_values(study, lines, model, m, N, budget) for m, (N, budget, _) in best.items()}

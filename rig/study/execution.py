@@ -142,8 +142,8 @@ def run_cells(
     """
     todo = searches(cells, results.lines)
     total = len(searches(cells, ()))
-    tell = report or (lambda progress: None)
-    tell(StudyProgress(total - len(todo), total, None, ""))
+    report_progress = report or (lambda progress: None)
+    report_progress(StudyProgress(total - len(todo), total, None, ""))
     clock = _Clock(todo, workers.count)
     waiting = list(reversed(todo))
     running: set[Future[dict[str, Any]]] = set()
@@ -156,7 +156,7 @@ def run_cells(
                 line = future.result()
                 results.add(line)
                 left_s = clock.finished(line)
-                tell(StudyProgress(total - len(waiting) - len(running), total, left_s, str(line["key"])))
+                report_progress(StudyProgress(total - len(waiting) - len(running), total, left_s, str(line["key"])))
     finally:
         for future in running:
             future.cancel()

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from rig.report.ride import PRINTED_dB
-from rig.study.claim import ALIKE, FAILS, HOLDS, OPEN, SIGNIFICANT, Claim, rank_test
+from rig.study.claim import EQUAL_SHARE, FAILS, HOLDS, OPEN, SIGNIFICANT, Claim, rank_test
 from rig.study.paper2_findings import paper2_findings
 from rig.study.parallel_timing import parallel_key
 from rig.study.post_hoc import Pair
@@ -121,7 +121,7 @@ def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float])
         return
     method = min(best, key=lambda one: best[one][2].mean)
     population, budget, summary = best[method]
-    reached = summary.mean <= (1.0 + ALIKE) * lowest
+    reached = summary.mean <= (1.0 + EQUAL_SHARE) * lowest
     every = best_lines(study, results)
     closest = min(every, key=lambda one: float(every[one]["value"]))
     end = ", so this search finds the parameters of the model" if reached else (
@@ -183,12 +183,12 @@ def _symmetry(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> 
 def _sensitivity(study: StudyFile, results: Lines) -> Iterator[Claim]:
     if study.sensitivity is None:
         return
-    for parameter, told in {"N": _of_population, "K": _of_generations, "Nres": _of_resolution}.items():
+    for parameter, claim_of in {"N": _of_population, "K": _of_generations, "Nres": _of_resolution}.items():
         groups: dict[int, list[float]] = {}
         for value, cell in varied_cells(study, study.sensitivity, parameter):
             groups.setdefault(value, []).extend(values_of([cell], results))
         groups = {value: repeats for value, repeats in sorted(groups.items()) if repeats}
-        verdict_and_text = told(groups)
+        verdict_and_text = claim_of(groups)
         if verdict_and_text is None:
             continue
         printed = PRINTED_SENSITIVITY[parameter]
@@ -219,7 +219,7 @@ def _of_generations(groups: Mapping[int, list[float]]) -> tuple[str, str] | None
     if len(groups) < 2:
         return None
     gain = float(np.mean(groups[min(groups)]) / np.mean(groups[max(groups)]))
-    return FAILS if gain > 1.0 + ALIKE else HOLDS, (
+    return FAILS if gain > 1.0 + EQUAL_SHARE else HOLDS, (
         'The paper states that more generations give "no clear benefit", although its own means decrease. In this '
         "study, the longer searches continue the shorter ones, so they cannot be worse: the mean decreases by a factor "
         f"of {gain:.3g}. (The conclusions of the paper name K = 200 and N = 250 as the best values; none of its tables "
@@ -242,26 +242,26 @@ def _of_resolution(groups: Mapping[int, list[float]]) -> tuple[str, str] | None:
 
 
 def _parallel(study: StudyFile, results: Lines) -> Iterator[Claim]:
-    wanted = study.parallel
-    if wanted is None:
+    settings = study.parallel
+    if settings is None:
         return
-    told = []
-    for model in wanted.models:
-        keys = {count: parallel_key(wanted, model, count) for count in sorted(wanted.processes)}
+    claims = []
+    for model in settings.models:
+        keys = {count: parallel_key(settings, model, count) for count in sorted(settings.processes)}
         seconds = {count: float(results[key]["seconds"]) for count, key in keys.items() if key in results}
         if 1 in seconds and len(seconds) > 1:
-            told.append((model, seconds))
-    if not told:
+            claims.append((model, seconds))
+    if not claims:
         return
-    gains = {model: seconds[1] / min(s for count, s in seconds.items() if count > 1) for model, seconds in told}
-    first, own = told[0]
-    each_us = 1e6 * own[1] / wanted.evaluations
+    gains = {model: seconds[1] / min(s for count, s in seconds.items() if count > 1) for model, seconds in claims}
+    first, own = claims[0]
+    each_us = 1e6 * own[1] / settings.evaluations
     saved = {count: 100.0 * (1.0 - PARALLEL_S[count] / PARALLEL_S[1]) for count in (2, 4)}
     times = "; ".join(
-        f"{model} {', '.join((f'{s:.3g} s on {count}' for count, s in seconds.items()))}" for model, seconds in told
+        f"{model} {', '.join((f'{s:.3g} s on {count}' for count, s in seconds.items()))}" for model, seconds in claims
     )
     losers = [model for model, gain in gains.items() if gain <= 1.0]
-    small = [model for model, seconds in told if model in losers and seconds[1] < SENT_S * wanted.evaluations]
+    small = [model for model, seconds in claims if model in losers and seconds[1] < SENT_S * settings.evaluations]
     busy = [model for model in losers if model not in small]
     why = f" For {' and '.join(small)}, sending candidates takes longer than evaluating them." if small else ""
     why += (
@@ -269,9 +269,9 @@ def _parallel(study: StudyFile, results: Lines) -> Iterator[Claim]:
         "due to this computer (other load, or fewer free processors than processes)." if busy else ""
     )
     yield Claim(
-        "parallel", HOLDS if gains[first] > 1.0 + ALIKE else FAILS if gains[first] < 1.0 - ALIKE else OPEN,
+        "parallel", HOLDS if gains[first] > 1.0 + EQUAL_SHARE else FAILS if gains[first] < 1.0 - EQUAL_SHARE else OPEN,
         f"The text of the paper claims 42 and 62.5 % less time on 2 and 4 processes; its Table 6 gives {saved[2]:.0f} "
-        f"and {saved[4]:.0f} %. Times for {wanted.evaluations} evaluations in this study: {times} processes. An "
+        f"and {saved[4]:.0f} %. Times for {settings.evaluations} evaluations in this study: {times} processes. An "
         f"evaluation of the {first} model, 0.2 s in the paper, takes {each_us:,.0f} microseconds on one process.{why}",
     )  # fmt: skip
 
@@ -282,7 +282,11 @@ def _ride(driven: Rides | None) -> Iterator[Claim]:
     motions = driven.printed.own.body
 
     def most(ride: RideStudy, band: str) -> tuple[float, str]:
-        return max((told[0], motion) for motion in motions if (told := largest(ride, motion, band))[0] is not None)
+        return max(
+            (largest_difference[0], motion)
+            for motion in motions
+            if (largest_difference := largest(ride, motion, band))[0] is not None
+        )
 
     (low, _), (high, where) = (most(driven.printed, band) for band in BANDS)
     limit_low, limit_high = PRINTED_dB.values()

@@ -44,7 +44,7 @@ class Found:
         return not (self.missing or self.changed)
 
     @property
-    def lacking(self) -> str:
+    def missing_message(self) -> str:
         """What is wrong, and where the files come from: one line."""
         one, parts = self.recordings, []
         if self.missing:
@@ -67,19 +67,19 @@ class Fold:
     unseen: list[Measurement]
 
 
-def find_all(wanted: BenchmarkFile, base: Path) -> list[Found]:
+def find_all(benchmark: BenchmarkFile, base: Path) -> list[Found]:
     """Look for the files of every recordings.
 
     Args:
-        wanted: the benchmark.
+        benchmark: the benchmark.
         base: folder that its folders are relative to.
 
     Raises:
         FileProblem: none of the recordings is complete; one line for each, with its source.
     """
-    sets = [_found(one, base) for one in wanted.recordings]
+    sets = [_found(one, base) for one in benchmark.recordings]
     if not any(one.complete for one in sets):
-        raise FileProblem("open recordings", [one.lacking for one in sets])
+        raise FileProblem("open recordings", [one.missing_message for one in sets])
     return sets
 
 

@@ -131,19 +131,19 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
     """
     tables = []
     if study.symmetry is not None:
-        wanted = study.symmetry
+        settings = study.symmetry
         groups: dict[str, list[SearchCell]] = {}
         for cell in symmetry_cells(study):
             groups.setdefault(cell.problem, []).append(cell)
         rows = tuple(
             (
-                SYMMETRY_TITLES[model], wanted.population, wanted.budget, *_cells(summarise(values)),
-                *_printed(printed_values.SYMMETRY[model] if wanted.method == "c_foa" else None),
+                SYMMETRY_TITLES[model], settings.population, settings.budget, *_cells(summarise(values)),
+                *_printed(printed_values.SYMMETRY[model] if settings.method == "c_foa" else None),
             )
             for model, cells in groups.items()
             if (values := values_of(cells, results))
         )
-        name = TITLES[wanted.method]
+        name = TITLES[settings.method]
         title = _statistics(study, f"{name} using an asymmetric and a symmetric model")
         note = f"{_objective(study)} {_lowest(minima, SYMMETRY_TITLES)} {NOT_PUBLIC}"
         columns = (name, "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
@@ -213,14 +213,14 @@ def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
     Returns:
         Three tables, or none when the study does not ask.
     """
-    wanted = study.sensitivity
-    if wanted is None:
+    settings = study.sensitivity
+    if settings is None:
         return []
     tables = []
-    held = {"N": wanted.populations[0], "K": wanted.generations[0], "Nres": wanted.resolutions[0]}
+    held = {"N": settings.populations[0], "K": settings.generations[0], "Nres": settings.resolutions[0]}
     for number, parameter in enumerate(SENSITIVITY, start=7):
         groups: dict[str, list[SearchCell]] = {}
-        for value, cell in sorted(varied_cells(study, wanted, parameter), key=lambda entry: entry[0]):
+        for value, cell in sorted(varied_cells(study, settings, parameter), key=lambda entry: entry[0]):
             groups.setdefault(f"{parameter} = {value}", []).append(cell)
         others = ", ".join(f"{name} = {value}" for name, value in held.items() if name != parameter)
         title = _statistics(study, f"c-FOA for {', '.join(groups)}, {others}, kappa = 5, M = 0.95 and c = 0.9")
@@ -245,12 +245,12 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     Returns:
         One table, or none when nothing was timed.
     """
-    wanted = study.parallel
-    if wanted is None:
+    settings = study.parallel
+    if settings is None:
         return []
-    counts, rows, processors = sorted(wanted.processes), [], 0
-    for model in wanted.models:
-        lines = [results.get(parallel_key(wanted, model, count)) for count in counts]
+    counts, rows, processors = sorted(settings.processes), [], 0
+    for model in settings.models:
+        lines = [results.get(parallel_key(settings, model, count)) for count in counts]
         seconds = [None if line is None else float(line["seconds"]) for line in lines]
         processors = max([processors, *(line["processors"] for line in lines if line is not None)])
         speed_up = [_ratio(seconds[0] if counts[0] == 1 else None, duration_s) for duration_s in seconds]
@@ -264,8 +264,8 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     printed_s = [printed_values.PARALLEL_S.get(count) for count in counts]
     rows.append(("as printed (asymmetric, MATLAB)", "time / s", *printed_s))
     title = (
-        f"Computational cost of the fitting problem with {TITLES[wanted.method]}, serial and parallel (N = "
-        f"{wanted.population}, fun_evals = {wanted.evaluations})"
+        f"Computational cost of the fitting problem with {TITLES[settings.method]}, serial and parallel (N = "
+        f"{settings.population}, fun_evals = {settings.evaluations})"
     )
     note = (
         f"Measured on {processors} processors: using more processes than processors brings no gain. The times are for "

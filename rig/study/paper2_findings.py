@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.study.claim import ALIKE, FAILS, HOLDS, OPEN, SIGNIFICANT, Claim, rank_test
+from rig.study.claim import EQUAL_SHARE, FAILS, HOLDS, OPEN, SIGNIFICANT, Claim, rank_test
 from rig.study.paper2_tables import current_results, parameter_relations
 from rig.study.printed_values import NOVEL_GA_IMPROVEMENT_PERCENT
 from rig.study.settings import TITLES, Lines
@@ -60,7 +60,7 @@ def _improvement(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     shared, wins = _better(novel, outcomes["ga_standard"])
     means = {method: _mean(lines, "mae_N") for method, lines in outcomes.items()}
     ordered = ", ".join(f"{TITLES[m]} {means[m]:.3g} N" for m in sorted(means, key=lambda method: means[method]))
-    verdict = FAILS if gain < 100.0 * ALIKE else HOLDS if wins >= MOST * len(shared) else OPEN
+    verdict = FAILS if gain < 100.0 * EQUAL_SHARE else HOLDS if wins >= MOST * len(shared) else OPEN
     return Claim(
         "novel-ga", verdict,
         f"Paper 2: the mean absolute error of the novel GA is {NOVEL_GA_IMPROVEMENT_PERCENT} % below that of the "
@@ -85,11 +85,11 @@ def _generations(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     ended = all(stopped[method] >= MOST * counts[method] for method in ("ga_novel", "ga_standard"))
     verdict = OPEN if p >= SIGNIFICANT or not ended else HOLDS if fewest == "ga_novel" else FAILS
     cut = "" if ended else " If the budget ends the searches, the number of generations does not show convergence."
-    told = ", ".join(f"{TITLES[m]} {means[m]:.3g} ({stopped[m]} of {counts[m]})" for m in means)
+    text = ", ".join(f"{TITLES[m]} {means[m]:.3g} ({stopped[m]} of {counts[m]})" for m in means)
     return Claim(
         "novel-ga-speed", verdict,
         "Paper 2: the novel GA converges in the fewest generations. Mean number of generations in this study, with the "
-        f"number of searches that the statistical criterion ended before the budget was used up: {told}; novel "
+        f"number of searches that the statistical criterion ended before the budget was used up: {text}; novel "
         f"compared with standard: rank test p = {p:.2g}. Termination by this criterion means that little improvement "
         f"is expected, not that the minimum was found.{cut}",
     )  # fmt: skip

@@ -134,16 +134,20 @@ def parameter_tables(study: StudyFile, outcomes: Mapping[str, Mapping[float, lis
     return tables
 
 
-def _true_parameters(wanted: CurrentStudy) -> list[Table]:
+def _true_parameters(settings: CurrentStudy) -> list[Table]:
     """What synthetic recordings of a Bouc-Wen damper were made with; nothing where the model searched is another."""
-    if wanted.data.simulate != "bouc_wen" or wanted.model != "bouc_wen":
+    if settings.data.simulate != "bouc_wen" or settings.model != "bouc_wen":
         return []
-    units, truth = parameter_units(wanted, ""), BOUC_WEN_TRUTH
+    units, truth = parameter_units(settings, ""), BOUC_WEN_TRUTH
     rows: list[tuple[Cell, ...]] = [
-        (name, units[name], *(truth[name] + truth.get(f"{name}_b", 0.0) * current_A for current_A in wanted.current_A))
-        for name in wanted.boxes
+        (
+            name,
+            units[name],
+            *(truth[name] + truth.get(f"{name}_b", 0.0) * current_A for current_A in settings.current_A),
+        )
+        for name in settings.boxes
     ]
-    columns = ("parameter", "unit", *(f"I = {current_A:g} A" for current_A in wanted.current_A))
+    columns = ("parameter", "unit", *(f"I = {current_A:g} A" for current_A in settings.current_A))
     title = "Parameter values at each input current, true values of the synthetic recordings"
     note = (
         f"The parameters are affine in the current by construction. A = {truth['A']:g} is fixed: alpha, beta and gamma "
@@ -152,14 +156,14 @@ def _true_parameters(wanted: CurrentStudy) -> list[Table]:
     return [Table("paper2-table-01-truth", "Paper 2, Table 1", title, columns, tuple(rows), note)]
 
 
-def parameter_units(wanted: CurrentStudy, method: str) -> dict[str, str]:
+def parameter_units(settings: CurrentStudy, method: str) -> dict[str, str]:
     """Unit of every parameter that a method of the per-current study finds.
 
     Args:
-        wanted: The per-current study.
+        settings: The per-current study.
         method: As the study file writes it.
     """
-    name = "normalized_bouc_wen" if method == "zhu_three_step" else wanted.model
+    name = "normalized_bouc_wen" if method == "zhu_three_step" else settings.model
     return {parameter.name: parameter.unit for parameter in model(name).parameters}
 
 

@@ -16,49 +16,49 @@ from rig.study.workbench import Workbench
 WARM_GENERATIONS = 4
 
 
-def parallel_key(wanted: Parallel, model: str, processes: int) -> str:
+def parallel_key(settings: Parallel, model: str, processes: int) -> str:
     """Key of one timing in the results file; another method, population or length is another timing.
 
     Args:
-        wanted: Method, population and evaluations.
+        settings: Method, population and evaluations.
         model: Damper model.
         processes: How many.
 
     Returns:
         The key; it begins with `parallel|`.
     """
-    return f"parallel|{processes}|{_cell(wanted, model).key}"
+    return f"parallel|{processes}|{_cell(settings, model).key}"
 
 
-def time_parallel(wanted: Parallel, bench: Workbench, results: ResultsFile) -> None:
+def time_parallel(settings: Parallel, bench: Workbench, results: ResultsFile) -> None:
     """Wall time of the same search on one and on more processes, where it is not known yet.
 
     Args:
-        wanted: What is timed.
+        settings: What is timed.
         bench: Has the problems.
         results: Gets one line for each model and number of processes.
     """
-    for model in wanted.models:
-        for processes in wanted.processes:
-            key = parallel_key(wanted, model, processes)
+    for model in settings.models:
+        for processes in settings.processes:
+            key = parallel_key(settings, model, processes)
             if key in results:
                 continue
             if processes == 1:
-                line = _timed(wanted, bench, model, None)
+                line = _timed(settings, bench, model, None)
             else:
                 with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-                    line = _timed(wanted, bench, model, pool, processes)
+                    line = _timed(settings, bench, model, pool, processes)
             results.add({**line, "key": key, "processes": processes, "processors": os.cpu_count() or 1})
 
 
-def _cell(wanted: Parallel, model: str) -> SearchCell:
-    return SearchCell(model, wanted.method, wanted.population, wanted.evaluations, 0)
+def _cell(settings: Parallel, model: str) -> SearchCell:
+    return SearchCell(model, settings.method, settings.population, settings.evaluations, 0)
 
 
 def _timed(
-    wanted: Parallel, bench: Workbench, model: str, executor: Executor | None, chunks: int = 1
+    requested: Parallel, bench: Workbench, model: str, executor: Executor | None, chunks: int = 1
 ) -> dict[str, Any]:
-    problem, cell = bench.problem(model), _cell(wanted, model)
+    problem, cell = bench.problem(model), _cell(requested, model)
     name, settings = cell.algorithm
 
     def search(budget: int) -> Result:
@@ -67,7 +67,7 @@ def _timed(
             method=name,
             start=bench.start(cell, problem.n_parameters),
             bounds=bench.bounds(problem),
-            population=wanted.population,
+            population=requested.population,
             budget=budget,
             seed=1,
             executor=executor,
@@ -75,5 +75,5 @@ def _timed(
             **settings,
         )
 
-    search(WARM_GENERATIONS * wanted.population)
-    return result_line(cell, problem.names, search(wanted.evaluations))
+    search(WARM_GENERATIONS * requested.population)
+    return result_line(cell, problem.names, search(requested.evaluations))

@@ -128,9 +128,9 @@ def largest(ride: RideStudy, motion: str, band: str) -> tuple[float | None, str]
         None and no name for a motion that does not follow the road.
     """
     apart = [
-        (told[0], " / ".join(name.partition(", ")[0] for name in pair))
+        (difference[0], " / ".join(name.partition(", ")[0] for name in pair))
         for pair in ride.pairs()
-        if (told := ride.difference("chosen", motion, band, pair)) is not None
+        if (difference := ride.difference("chosen", motion, band, pair)) is not None
     ]
     return max(apart) if apart else (None, "")
 

@@ -90,12 +90,12 @@ def comparison_cells(study: StudyFile) -> Iterator[SearchCell]:
     Yields:
         Repeat by repeat, so that an interrupted study has every setting equally often.
     """
-    wanted = study.comparison
-    for repeat in range(wanted.repeats):
-        for model in wanted.models:
-            for method in wanted.methods:
-                for population in wanted.populations:
-                    for budget in wanted.budgets:
+    settings = study.comparison
+    for repeat in range(settings.repeats):
+        for model in settings.models:
+            for method in settings.methods:
+                for population in settings.populations:
+                    for budget in settings.budgets:
                         yield SearchCell(model, method, population, budget, repeat)
 
 
@@ -110,10 +110,10 @@ def symmetry_cells(study: StudyFile) -> Iterator[SearchCell]:
     """
     if study.symmetry is None:
         return
-    wanted = study.symmetry
+    settings = study.symmetry
     for repeat in range(study.comparison.repeats):
         for model in ("asymmetric", "symmetric"):
-            yield SearchCell(model, wanted.method, wanted.population, wanted.budget, repeat)
+            yield SearchCell(model, settings.method, settings.population, settings.budget, repeat)
 
 
 def sensitivity_cells(study: StudyFile) -> Iterator[SearchCell]:
@@ -131,20 +131,20 @@ def sensitivity_cells(study: StudyFile) -> Iterator[SearchCell]:
                 yield cell
 
 
-def varied_cells(study: StudyFile, wanted: Sensitivity, parameter: str) -> Iterator[tuple[int, SearchCell]]:
+def varied_cells(study: StudyFile, requested: Sensitivity, parameter: str) -> Iterator[tuple[int, SearchCell]]:
     """c-FOA with one parameter varied and the others at their first values.
 
     Args:
         study: The study.
-        wanted: Its values.
+        requested: Its values.
         parameter: One of `SENSITIVITY`.
 
     Yields:
         The parameter's value and a cell with it, repeat by repeat. A search of K generations has N K + 1 evaluations:
         the start counts, too.
     """
-    first = {"N": wanted.populations[0], "K": wanted.generations[0], "Nres": wanted.resolutions[0]}
-    choices = {"N": wanted.populations, "K": wanted.generations, "Nres": wanted.resolutions}[parameter]
+    first = {"N": requested.populations[0], "K": requested.generations[0], "Nres": requested.resolutions[0]}
+    choices = {"N": requested.populations, "K": requested.generations, "Nres": requested.resolutions}[parameter]
     for repeat in range(study.comparison.repeats):
         for value in choices:
             varied = {**first, parameter: value}
@@ -164,13 +164,13 @@ def current_cells(study: StudyFile) -> Iterator[SearchCell]:
     """
     if study.current is None:
         return
-    wanted = study.current
-    for repeat in range(wanted.repeats):
-        for current_A in wanted.current_A:
-            for method in wanted.methods:
+    settings = study.current
+    for repeat in range(settings.repeats):
+        for current_A in settings.current_A:
+            for method in settings.methods:
                 if method == "zhu_three_step" and repeat > 0:
                     continue
-                yield SearchCell(f"{CURRENT}{current_A!r}", method, wanted.population, wanted.budget, repeat)
+                yield SearchCell(f"{CURRENT}{current_A!r}", method, settings.population, settings.budget, repeat)
 
 
 def all_cells(study: StudyFile) -> list[SearchCell]:
@@ -200,12 +200,12 @@ def searches(cells: Iterable[SearchCell], finished: Collection[str]) -> list[Sea
         Cells to run, repeat by repeat and the longest of a repeat first; `marks` are the budgets they serve besides
         their own.
     """
-    alike: dict[str, list[SearchCell]] = {}
+    groups: dict[str, list[SearchCell]] = {}
     for cell in cells:
         if cell.key not in finished:
-            alike.setdefault(cell.key_at(0) if cell.shares_searches else cell.key, []).append(cell)
+            groups.setdefault(cell.key_at(0) if cell.shares_searches else cell.key, []).append(cell)
     todo = []
-    for group in alike.values():
+    for group in groups.values():
         *shorter, longest = sorted(group, key=lambda cell: cell.budget)
         todo.append(replace(longest, marks=tuple(cell.budget for cell in shorter)))
     return sorted(todo, key=lambda cell: (cell.repeat, -cell.budget))

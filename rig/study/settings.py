@@ -116,14 +116,14 @@ def setting_groups(study: StudyFile, results: Lines, *, each_search_once: bool =
     Returns:
         Setting -> values; settings without a result are left out.
     """
-    model, wanted = study.comparison.models[0], study.comparison
+    model, settings = study.comparison.models[0], study.comparison
     groups: dict[str, list[float]] = {}
-    for method in wanted.methods:
-        for N in wanted.populations:
-            for turn, budget in enumerate(wanted.budgets):
-                cells = [SearchCell(model, method, N, budget, repeat) for repeat in range(wanted.repeats)]
+    for method in settings.methods:
+        for N in settings.populations:
+            for turn, budget in enumerate(settings.budgets):
+                cells = [SearchCell(model, method, N, budget, repeat) for repeat in range(settings.repeats)]
                 if each_search_once and cells[0].shares_searches:
-                    cells = cells[turn :: len(wanted.budgets)]
+                    cells = cells[turn :: len(settings.budgets)]
                 groups[f"{TITLES[method]}, N={N}, {budget}"] = values_of(cells, results)
     return {name: values for name, values in groups.items() if values}
 

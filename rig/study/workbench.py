@@ -35,33 +35,33 @@ CURRENT_FIXED: dict[str, dict[str, float]] = {
 """Held when one current is fitted: the affine terms, and A, which is redundant with alpha."""
 
 
-def current_objective(test: Measurement, wanted: CurrentStudy) -> FixedParameters:
+def current_objective(test: Measurement, settings: CurrentStudy) -> FixedParameters:
     """Paper 2's fitness of one test: mean(((F_sim - F_exp) / SD(F_exp))^2).
 
     Args:
         test: The recording, at constant current.
-        wanted: Its model.
+        settings: Its model.
 
     Returns:
         The objective over the parameters that one current can tell.
     """
-    problem = Problem([test], wanted.model, "1")
+    problem = Problem([test], settings.model, "1")
     measured_N = test.force_N[test.scored]
     scale = 1.0 / (len(measured_N) * float(np.var(measured_N, ddof=1)))
-    return FixedParameters(problem, CURRENT_FIXED[wanted.model], scale)
+    return FixedParameters(problem, CURRENT_FIXED[settings.model], scale)
 
 
-def current_box(wanted: CurrentStudy, names: Sequence[str]) -> FloatArray:
+def current_box(settings: CurrentStudy, names: Sequence[str]) -> FloatArray:
     """Search box of the per-current study.
 
     Args:
-        wanted: Its model and boxes.
+        settings: Its model and boxes.
         names: Free parameters.
 
     Returns:
         Shape (p, 2).
     """
-    return np.array([wanted.boxes[name] for name in names])
+    return np.array([settings.boxes[name] for name in names])
 
 
 def three_steps(cell: SearchCell, test: Measurement) -> dict[str, Any]:
@@ -110,9 +110,9 @@ class Workbench:
         self.tests = [thinned(test, study.data.keep_every) for test in tests]
         self.current_tests: dict[float, Measurement] = {}
         if study.current is not None:
-            wanted = study.current
-            recorded, left_out = measurements(wanted.data, study.seed, wanted.current_A)
-            self.current_tests = one_a_current(recorded, wanted.current_A)
+            settings = study.current
+            recorded, left_out = measurements(settings.data, study.seed, settings.current_A)
+            self.current_tests = one_a_current(recorded, settings.current_A)
             self.left_out += left_out
         self._problems: dict[str, Problem] = {}
 
@@ -131,8 +131,8 @@ class Workbench:
             Always the same object for the same name.
         """
         if model not in self._problems:
-            wanted = self.study.comparison
-            self._problems[model] = Problem(self.tests, model, wanted.weight, wanted.hysteresis)
+            settings = self.study.comparison
+            self._problems[model] = Problem(self.tests, model, settings.weight, settings.hysteresis)
         return self._problems[model]
 
     def minimum(self, model: str) -> float | None:
@@ -229,18 +229,18 @@ class Workbench:
         return modelled_force(damper_model(name), {**CURRENT_FIXED[name], **line["parameters"]}, test)
 
     def _run_current(self, cell: SearchCell, callback: Callback | None) -> dict[str, Any]:
-        wanted = self.study.current
-        if wanted is None:
+        requested = self.study.current
+        if requested is None:
             raise ValueError(f"{cell.key}: the study has no [per_current] section")
         test = self.current_tests[cell.current_A]
         if cell.method == "zhu_three_step":
             return three_steps(cell, test)
-        objective = current_objective(test, wanted)
+        objective = current_objective(test, requested)
         name, settings = cell.algorithm
         result = minimise(
             objective,
             method=name,
-            bounds=current_box(wanted, objective.names),
+            bounds=current_box(requested, objective.names),
             population=cell.population,
             budget=cell.budget,
             seed=cell.seed(self.study.seed),

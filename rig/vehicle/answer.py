@@ -66,7 +66,7 @@ def extrapolations(study: RideStudy) -> list[str]:
             parts = (f"{name.partition('_')[0]} {100.0 * share:.3g} % of the time" for name, share in beyond.items())
             lines.append(
                 f"{variant.name}: outside the tested range ({', '.join(parts)}), where the force is extrapolated; "
-                f"tested: {covered.told()}"
+                f"tested: {covered.describe()}"
             )
         elif covered is None and variant.fit.adequate is not None:
             lines.append(f"{variant.name}: this fit does not contain its tested range. Fix: run `rig identify` again")

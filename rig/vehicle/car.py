@@ -95,15 +95,15 @@ class Car(Section):
         if not incomplete and self.kind == "full":
             yield from self._beyond_its_size()
 
-    def _wanted(self) -> dict[tuple[str, ...], bool]:
+    def _required(self) -> dict[tuple[str, ...], bool]:
         """Entries that not every kind of car has, and whether this one has them."""
         several, full = self.kind != "quarter", self.kind == "full"
-        wanted: dict[tuple[str, ...], bool] = {
+        required: dict[tuple[str, ...], bool] = {
             ("body", "pitch_inertia"): several, ("body", "roll_inertia"): full, ("rear",): several,
         }
         for name in ("front", "rear") if self.rear is not None else ("front",):
-            wanted |= {(name, "distance"): several, (name, "track"): full}
-        return wanted
+            required |= {(name, "distance"): several, (name, "track"): full}
+        return required
 
     def _given(self, place: tuple[str, ...]) -> bool:
         if place == ("rear",):
@@ -117,16 +117,16 @@ class Car(Section):
         )  # fmt: skip
 
     def _missing(self) -> Iterator[Problem]:
-        for place, wanted in self._wanted().items():
-            if wanted and not self._given(place):
+        for place, required in self._required().items():
+            if required and not self._given(place):
                 yield place, f"is missing; a {self.kind} car requires this entry"
 
     def _beside(self) -> Iterator[Problem]:
         def needs(entry: str) -> str:
             return "full" if entry in {"track", "roll_inertia"} else "half"
 
-        for place, wanted in self._wanted().items():
-            if not wanted and self._given(place):
+        for place, required in self._required().items():
+            if not required and self._given(place):
                 yield place, (
                     f"got an entry that a {self.kind} car does not have. Fix: remove it, or set kind = "
                     f'"{needs(place[-1])}"'

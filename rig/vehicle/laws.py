@@ -48,7 +48,7 @@ class Control:
 
     @property
     def vector(self) -> tuple[float, float, float, float, float]:
-        """As `wanted_current` takes it: law, Imax, I, sigma, c."""
+        """As `requested_current` takes it: law, Imax, I, sigma, c."""
         return (float(LAWS.index(self.law)), self.most_A, self.current_A, self.sky_share, self.damping_N_s_m)
 
     @property
@@ -67,7 +67,7 @@ def law_named(name: str) -> Law:
     return next((law for law in LAWS if law == name), "passive")
 
 
-def wanted_current(
+def requested_current(
     law: Sequence[float], body_m_s: float, wheel_m_s: float, ratio: float, at_zero_N: float, at_most_N: float
 ) -> float:
     """Current (A) that a law asks for.
@@ -94,6 +94,6 @@ def wanted_current(
     reach = at_most_N - at_zero_N
     if reach == 0.0:
         return 0.0
-    wanted_N = float(law[4]) * blend / ratio
-    share: float = min(1.0, max(0.0, (wanted_N - at_zero_N) / reach)) * most
+    target_N = float(law[4]) * blend / ratio
+    share: float = min(1.0, max(0.0, (target_N - at_zero_N) / reach)) * most
     return share

@@ -66,7 +66,7 @@ from rig.vehicle.corner_speeds import (
     newton_of,
     pull_of,
 )
-from rig.vehicle.laws import wanted_current
+from rig.vehicle.laws import requested_current
 
 GAMMA = 2.0 - math.sqrt(2.0)
 BEGUN = 1.0 / (GAMMA * (2.0 - GAMMA))
@@ -196,14 +196,14 @@ def _command(pull: Compiled) -> Compiled:
                     d.coils[CURRENT_A, i] = tried * d.law[1]
                     at_most = pull(d, i, x.corners[EXTENSION, i], x.corners[SPEED, i], 0.0, 0.0)
             wheel = x.degrees[VELOCITY, x.degrees.shape[1] - c + i]
-            wanted = _current(d.law, body, wheel, car.levers[DAMPER, i, 0], at_zero, at_most)
-            d.coils[CURRENT_A, i] = passed + d.coils[COIL_SHARE, i] * (wanted - passed)
+            current_A = _current(d.law, body, wheel, car.levers[DAMPER, i, 0], at_zero, at_most)
+            d.coils[CURRENT_A, i] = passed + d.coils[COIL_SHARE, i] * (current_A - passed)
 
     return command
 
 
 _pulled: Compiled = math.sin
-_current: Compiled = njit()(wanted_current)
+_current: Compiled = njit()(requested_current)
 _newtons: Compiled = math.sin
 _halves: Compiled = math.sin
 _commands: Compiled = math.sin

@@ -149,12 +149,12 @@ program_setpoint = njit(cache=False)(_program_setpoint)
 def _move_setpoint(p: Record, c: Record, s: Record) -> None:
     """Trapezoidal move to the target, or its stop within the halt deceleration."""
     if c.mode == MODE_STOP:
-        wanted, rate = 0.0, c.halt_deceleration_m_s2
+        target, rate = 0.0, c.halt_deceleration_m_s2
     else:
         rate = c.move_acceleration_m_s2
         left = c.target_m - s.setpoint_m
-        wanted = math.copysign(min(c.move_speed_m_s, math.sqrt(2.0 * rate * abs(left))), left)
-    change = max(-rate * p.dt_s, min(rate * p.dt_s, wanted - s.setpoint_velocity_m_s))
+        target = math.copysign(min(c.move_speed_m_s, math.sqrt(2.0 * rate * abs(left))), left)
+    change = max(-rate * p.dt_s, min(rate * p.dt_s, target - s.setpoint_velocity_m_s))
     s.setpoint_velocity_m_s += change
     s.setpoint_m += s.setpoint_velocity_m_s * p.dt_s
     slow = abs(s.setpoint_velocity_m_s) <= 2.0 * rate * p.dt_s

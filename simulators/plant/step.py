@@ -134,8 +134,8 @@ def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
     """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9); `F v` heats the body, `I^2 R` the coil."""
     ohm = p.coil_ohm * (1.0 + p.coil_ohm_per_K * (s.coil_degC - 20.0))
     largest = p.coil_voltage_V / ohm
-    wanted = max(-largest, min(largest, c.coil_A))
-    s.current_A = wanted + (s.current_A - wanted) * math.exp(-p.coil_eta_1_s * p.dt_s)
+    target_A = max(-largest, min(largest, c.coil_A))
+    s.current_A = target_A + (s.current_A - target_A) * math.exp(-p.coil_eta_1_s * p.dt_s)
     power_W = s.damper_force_N * s.damper_v_m_s
     s.dissipated_J += power_W * p.dt_s
     passed_W = p.coil_to_body_W_K * (s.coil_degC - s.temperature_degC)

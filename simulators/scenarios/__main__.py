@@ -65,11 +65,11 @@ def command(
 
     if happening:
         say("rig: `--happening` is now `--event`; the old name will be removed in 2.0", err=True)
-    wanted = seeds_of(seeds)
-    _check_usage(wanted, ways)
-    asked = request_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
-    _check_trace(ways["trace"], asked)
-    return _run(wanted, asked, ways, as_json=as_json)
+    seed_range = seeds_of(seeds)
+    _check_usage(seed_range, ways)
+    request = request_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
+    _check_trace(ways["trace"], request)
+    return _run(seed_range, request, ways, as_json=as_json)
 
 
 def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
@@ -84,19 +84,19 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
         raise click.UsageError("--shrink requires a complete scenario and cannot be combined with --until or --trace")
 
 
-def _check_trace(path: Path | None, asked: ScenarioRequest) -> None:
+def _check_trace(path: Path | None, request: ScenarioRequest) -> None:
     """Refuse to write over one of the user's files.
 
     Raises:
         BadParameter: it is one of them.
     """
-    for given in (asked.files.matrix, asked.files.bench):
+    for given in (request.files.matrix, request.files.bench):
         if path is not None and given is not None and path.exists() and path.samefile(given):
             words = f"{path} is already used for --matrix or --bench. Fix: specify another file"
             raise click.BadParameter(words, param_hint="--trace")
 
 
-def _run(seeds: range, asked: ScenarioRequest, ways: dict[str, Any], *, as_json: bool) -> int:
+def _run(seeds: range, request: ScenarioRequest, ways: dict[str, Any], *, as_json: bool) -> int:
     """Run them all; how far it is on the standard error.
 
     Raises:
@@ -105,18 +105,22 @@ def _run(seeds: range, asked: ScenarioRequest, ways: dict[str, Any], *, as_json:
     # loads numba and numpy: not needed for the help
     from simulators.scenarios.output import ProgressOutput
     from simulators.scenarios.runs import every, in_a_worker
-    from simulators.scenarios.shrink import tell_smallest
+    from simulators.scenarios.shrink import show_smallest
     from simulators.scenarios.tracing import traced
 
     shown, trace = console(as_json=True), ways["trace"]
-    telling = ProgressOutput(len(seeds), asked, shown, bar=trace is None)
+    telling = ProgressOutput(len(seeds), request, shown, bar=trace is None)
     try:
         with telling:
-            run = every(seeds, asked, ways["jobs"]) if trace is None else [in_a_worker(traced, seeds[0], asked, trace)]
-            for world in run:
-                telling.ended(world)
+            run = (
+                every(seeds, request, ways["jobs"])
+                if trace is None
+                else [in_a_worker(traced, seeds[0], request, trace)]
+            )
+            for scenario in run:
+                telling.ended(scenario)
         for seed in telling.failed_seeds if ways["shrink"] else ():
-            in_a_worker(tell_smallest, seed, asked)
+            in_a_worker(show_smallest, seed, request)
     except KeyboardInterrupt:
         shown.print(telling.summary(), soft_wrap=True)
         raise

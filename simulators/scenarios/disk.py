@@ -50,7 +50,7 @@ class Disk:
         refuses: error number of every write from now on, 0 for none.
         flush_fails: flushes fail.
         slow_ns: how much longer a flush takes.
-        stands_until_ns: no write gets through before.
+        stalled_until_ns: no write gets through before.
     """
 
     def __init__(self, kernel: Kernel, root: Path, seed: int) -> None:
@@ -59,7 +59,7 @@ class Disk:
         self.refuses = 0
         self.flush_fails = False
         self.slow_ns = 0
-        self.stands_until_ns = 0
+        self.stalled_until_ns = 0
         self._chance = random.Random(f"disk {seed}")
         self._handles: dict[int, Path] = {}
         self._files: dict[int, list[Unflushed]] = {}
@@ -74,7 +74,7 @@ class Disk:
 
     def repair(self) -> None:
         """It refuses nothing any more, and is as fast as it should be."""
-        self.refuses, self.flush_fails, self.slow_ns, self.stands_until_ns = 0, False, 0, 0
+        self.refuses, self.flush_fails, self.slow_ns, self.stalled_until_ns = 0, False, 0, 0
 
     def opened(self, path: str | os.PathLike[str], *, made: bool, handle: int | None = None) -> None:
         """A file was opened for writing; without a handle by a writer that is not seen here."""
@@ -100,8 +100,8 @@ class Disk:
         Raises:
             OSError: none.
         """
-        if handle in self._handles and self.stands_until_ns > self.kernel.now_ns:
-            self.kernel.sleep_ns(self.stands_until_ns - self.kernel.now_ns)
+        if handle in self._handles and self.stalled_until_ns > self.kernel.now_ns:
+            self.kernel.sleep_ns(self.stalled_until_ns - self.kernel.now_ns)
         if handle in self._handles and self.refuses:
             if self.refuses == errno.ENOSPC and size > 1 and self._chance.random() < 0.5:
                 return max(1, int(self._chance.random() * size))

@@ -61,21 +61,21 @@ OTHER_CURRENT_A, OTHER_CURRENT_SHARE, OTHER_CURRENT_S = 0.06, 0.06, 0.25
 """The station's tolerance of the current and its sensor's noise, and for how long it may be otherwise in a point."""
 
 
-def judged(world: Scenario) -> Iterator[tuple[str, str, float]]:
+def violations(scenario: Scenario) -> Iterator[tuple[str, str, float]]:
     """Everything that does not hold: invariant, words, when (s)."""
-    if world.ended:
-        yield "ends", world.ended, world.kernel.time_s
-    for process in world.machine.processes.values():
+    if scenario.ended:
+        yield "ends", scenario.ended, scenario.kernel.time_s
+    for process in scenario.machine.processes.values():
         for error in process.errors:
-            yield "no-crash", f"{process.name}: {error[-1500:]}", world.kernel.time_s
-    for session in world.sessions:
-        view = View(world, session)
+            yield "no-crash", f"{process.name}: {error[-1500:]}", scenario.kernel.time_s
+    for session in scenario.sessions:
+        view = View(scenario, session)
         for name, check in CHECKS.items():
             for words, at_ns in check(view):
                 yield name, f"session {session.number}: {words}", view.at_s(at_ns)
-    for name, check_world in WORLD_CHECKS.items():
-        for words in check_world(world):
-            yield name, words, world.kernel.time_s
+    for name, check_scenario in SCENARIO_CHECKS.items():
+        for words in check_scenario(scenario):
+            yield name, words, scenario.kernel.time_s
 
 
 def exit_code_is_known(view: View) -> Findings:
@@ -117,19 +117,19 @@ def _excused_pressure(view: View) -> bool:
         return view.hidden_pressure
     by_name = view.active(view.session.rest_ns - TRIES_NS, view.session.rest_ns)
     return bool(view.hiding_places(by_name) & LINKS) or WRITE_LOST in by_name or any(
-        happening.what in {"station-killed", "power-cut"} for _, happening in view.session.happened
+        event.what in {"station-killed", "power-cut"} for _, event in view.session.happened
     )
 
 
-def unarmed_stands_still(view: View) -> Findings:
+def unarmed_is_at_rest(view: View) -> Findings:
     """Nothing moves and no pressure comes before the station is armed."""
     arming = [int(line["host_ns"]) for line in view.lines if line.get("phase") == "arming"]
-    if not arming and any(happening.what == "power-cut" for _, happening in view.session.happened):
+    if not arming and any(event.what == "power-cut" for _, event in view.session.happened):
         return  # the cut took the line
     until_ns = arming[0] if arming else view.session.ended_ns
     rows = view.between(view.session.began_ns, until_ns)
-    foreign = view.faults_by_name() & {"second-master"}
-    if len(rows) and not foreign:
+    excused = view.faults_by_name() & {"second-master"}
+    if len(rows) and not excused:
         if np.max(np.abs(rows[:, 1])) > STILL_M_S:
             yield "the rod moved before arming", rows[np.argmax(np.abs(rows[:, 1])), 0]
         if np.max(rows[:, 5]) > 0:
@@ -138,24 +138,25 @@ def unarmed_stands_still(view: View) -> Findings:
 
 def points_are_there(view: View) -> Findings:
     """Every point that was told to be finished is on the disk, opens, and says what was told of it last."""
-    if view.session is not view.world.sessions[-1] or view.world.folder is None:
+    if view.session is not view.scenario.sessions[-1] or view.scenario.folder is None:
         return
-    told: dict[str, dict[str, Any]] = {}
+    reported: dict[str, dict[str, Any]] = {}
     verdicts: dict[str, set[str]] = {}
-    for line in view.world.journal:
+    for line in view.scenario.journal:
         if line.get("event") == "judged" and line.get("file"):
-            told[str(line["id"])] = line
+            reported[str(line["id"])] = line
             # The zeros at the campaign's end may make a point suspect; the result tells so.
             verdicts[str(line["id"])] = {line["verdict"], SUSPECT if line["verdict"] == VALID else line["verdict"]}
         if line.get("event") == "retimed":
-            told.pop(str(line.get("file")), None)
+            reported.pop(str(line.get("file")), None)
         for point in line["points"] if line.get("event") == "result" else ():
             if point["file"] is not None:
                 verdicts[point["id"]] = {point["verdict"]}
-                if point["id"] in told:  # recovery may have found a later attempt that was not evaluated in its session
-                    told[point["id"]] = {**told[point["id"]], "file": point["file"]}
-    for name, line in told.items():
-        path = CampaignFolder(view.world.folder).points / Path(line["file"]).name
+                # Recovery may have found a later attempt that was not evaluated in its session.
+                if point["id"] in reported:
+                    reported[point["id"]] = {**reported[point["id"]], "file": point["file"]}
+    for name, line in reported.items():
+        path = CampaignFolder(view.scenario.folder).points / Path(line["file"]).name
         try:
             point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem) as error:
@@ -170,11 +171,11 @@ def points_are_there(view: View) -> Findings:
 
 def recorded_points_are_written(view: View) -> Findings:
     """Of every attempt that was run a file is told, and is there, where disk and those who write files are well."""
-    answer, happened = view.session.answer, {happening.what for _, happening in view.session.happened}
+    answer, happened = view.session.answer, {event.what for _, event in view.session.happened}
     if answer is None or happened & LOSING:
         return
     began = {str(line["point"]) for line in view.lines if line.get("event") == "point"}
-    last = view.session is view.world.sessions[-1]  # what earlier ones told was set aside since
+    last = view.session is view.scenario.sessions[-1]  # what earlier ones told was set aside since
     hurried = UNFINISHED if happened & SIGNALS.keys() else None  # who stops again does not wait for files
     for point in answer.points:
         missing = point.file is None or (last and not point.file.exists())
@@ -190,7 +191,7 @@ LOSING = frozenset({*DISK, *DEATHS, "power-cut"})
 UNFINISHED = f"not-written: {because('not-written', 'file-unfinished').detail}"
 
 
-def a_current_that_is_left_is_told(view: View) -> Findings:
+def a_current_that_is_left_is_reported(view: View) -> Findings:
     """A coil with current until the rig is left leaves an unknown state, unless its source is not heard.
 
     Then 0 A is reported as not measured; more than the bench's limit is seen in the force at rest, but not after an S1.
@@ -228,14 +229,14 @@ def answer_agrees(view: View) -> Findings:
 
 def recorded_is_what_was_there(view: View) -> Findings:
     """Where no device had a fault, force and displacement of a valid point reach as far as those of the rod."""
-    if view.world.folder is None or view.faults() or view.world.plan.of_a_user:
+    if view.scenario.folder is None or view.faults() or view.scenario.plan.of_a_user:
         return  # a user's own sensors may be too slow for the loop's ends
     began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
     for line in view.lines:
         if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
             continue
         try:
-            path = CampaignFolder(view.world.folder).points / str(line["file"]).rpartition("/")[2]
+            path = CampaignFolder(view.scenario.folder).points / str(line["file"]).rpartition("/")[2]
             point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem):
             continue  # told by another check
@@ -258,7 +259,7 @@ def recorded_is_what_was_there(view: View) -> Findings:
 def what_is_finished_is_not_run_again(view: View) -> Findings:
     """A point that an earlier session told to be finished is not begun by a later one."""
     finished: set[str] = set()
-    for line in view.world.journal:
+    for line in view.scenario.journal:
         earlier = int(line.get("host_ns", 0)) < view.session.began_ns
         if earlier and line.get("event") == "judged" and line.get("file") and line.get("verdict") != INVALID:
             finished.add(str(line["id"]))
@@ -299,11 +300,11 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
     """From when to when (ns) the station watched the rig and no stop was latched."""
     session = view.session
     away = [
-        at_ns for at_ns, happening in session.happened
-        if happening.what in KILLING or (happening.what in OF_THE_STATION)
+        at_ns for at_ns, event in session.happened
+        if event.what in KILLING or (event.what in OF_THE_STATION)
     ]
     # A power cut, or a disk that takes nothing, costs the journal's last lines.
-    if any(happening.what == "power-cut" or happening.what in DISK for _, happening in session.happened):
+    if any(event.what == "power-cut" or event.what in DISK for _, event in session.happened):
         away += [line.host_ns for line in session.truth.log if line.code in STOPS]
     last_ns = min([*away, session.ended_ns])
     from_ns = float(session.began_ns)
@@ -314,30 +315,30 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
     yield from_ns, last_ns
 
 
-def valid_is_measured_with_the_wanted_current(view: View) -> Findings:
+def valid_is_measured_with_the_requested_current(view: View) -> Findings:
     """The coil of a valid point truly had the current that was wanted, from its first judged instant to its last."""
     began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
     for line in view.lines:
         if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
             continue
-        bounds_ns, wanted_A = _measured_ns(view, line), float(line["current_A"])
+        bounds_ns, target_A = _measured_ns(view, line), float(line["current_A"])
         if bounds_ns is None:
             continue
         rows = view.between(*bounds_ns)
-        allowed_A = OTHER_CURRENT_A + OTHER_CURRENT_SHARE * abs(wanted_A)
-        other = rows[np.abs(rows[:, 2] - wanted_A) > allowed_A]
+        allowed_A = OTHER_CURRENT_A + OTHER_CURRENT_SHARE * abs(target_A)
+        other = rows[np.abs(rows[:, 2] - target_A) > allowed_A]
         if len(other) > OTHER_CURRENT_S / EVERY_S:
             other_s = EVERY_S * len(other)
-            words = f"valid at {wanted_A:g} A, although the current was {other[0, 2]:.3g} A for {other_s:.2f} s"
+            words = f"valid at {target_A:g} A, although the current was {other[0, 2]:.3g} A for {other_s:.2f} s"
             yield f"{line['id']}: {words}", other[0, 0]
 
 
 def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None:
     """Between which instants (ns) a point was measured, by the stamps in its file; None where that is not known."""
-    if view.world.folder is None:
+    if view.scenario.folder is None:
         return None
     try:
-        point = read_once(description, CampaignFolder(view.world.folder).points / Path(str(line["file"])).name)
+        point = read_once(description, CampaignFolder(view.scenario.folder).points / Path(str(line["file"])).name)
     except (OSError, FileProblem):
         return None  # told by another check
     quality, stamps = line.get("quality") or {}, point.raw("displacement")
@@ -353,42 +354,42 @@ def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None
 CHECKS: dict[str, Callable[[View], Findings]] = {
     "exit-code": exit_code_is_known,
     "rest": rest_is_reached,
-    "unarmed": unarmed_stands_still,
+    "unarmed": unarmed_is_at_rest,
     **STOP_CHECKS,
     **PROOF_CHECKS,
     **MOTION_CHECKS,
     "limits": limits_stop_the_rig,
-    "current-told": a_current_that_is_left_is_told,
+    "current-told": a_current_that_is_left_is_reported,
     "points": points_are_there,
     "written": recorded_points_are_written,
     "answer": answer_agrees,
     "true-record": recorded_is_what_was_there,
-    "wanted-current": valid_is_measured_with_the_wanted_current,
+    "wanted-current": valid_is_measured_with_the_requested_current,
     "run-again": what_is_finished_is_not_run_again,
 }
 
 
-def campaign_is_complete(world: Scenario) -> Iterator[str]:
+def campaign_is_complete(scenario: Scenario) -> Iterator[str]:
     """In the end every point has a file, and one that is not valid says what disturbed it."""
-    folder = world.folder
-    if world.ended or folder is None or world.most_sessions < MOST_SESSIONS:
+    folder = scenario.folder
+    if scenario.ended or folder is None or scenario.most_sessions < MOST_SESSIONS:
         return
-    answer = world.sessions[-1].answer
+    answer = scenario.sessions[-1].answer
     if answer is None:
         return
     for point in answer.points:
         if point.verdict == "valid":
             continue
         # A user's own instruments may leave doubts without any fault.
-        if point.verdict != "suspect" or not (world.plan.happenings or world.plan.bench):
+        if point.verdict != "suspect" or not (scenario.plan.events or scenario.plan.bench):
             yield f"{point.id} is {point.verdict} at the end: {'; '.join(point.reasons)[:300]}"
 
 
-def skew_covers_the_truth(world: Scenario) -> Iterator[str]:
+def skew_covers_the_truth(scenario: Scenario) -> Iterator[str]:
     """The stated delay between the sensors covers the true one, which is none."""
-    if world.folder is None:
+    if scenario.folder is None:
         return
-    for path in sorted(CampaignFolder(world.folder).points.glob("*.h5")):
+    for path in sorted(CampaignFolder(scenario.folder).points.glob("*.h5")):
         try:
             quality = read_once(description, path).quality
         except (OSError, FileProblem):
@@ -400,7 +401,7 @@ def skew_covers_the_truth(world: Scenario) -> Iterator[str]:
             yield f"{path.name}: skew {1e6 * skew.value_s:.0f} +- {1e6 * skew.std_s:.0f} us, true 0"
 
 
-WORLD_CHECKS: dict[str, Callable[[Scenario], Iterator[str]]] = {
+SCENARIO_CHECKS: dict[str, Callable[[Scenario], Iterator[str]]] = {
     "complete": campaign_is_complete,
     "skew": skew_covers_the_truth,
 }

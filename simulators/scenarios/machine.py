@@ -64,9 +64,9 @@ class Process:
     def uncaught(self, thread: str, trace: str) -> None:
         """A thread ended by an error."""
         self.errors.append(f"{thread}: {trace}")
-        self.tell(f"Exception in thread {thread}:\n{trace}")
+        self.write_error(f"Exception in thread {thread}:\n{trace}")
 
-    def tell(self, text: str) -> None:
+    def write_error(self, text: str) -> None:
         """Onto its standard error."""
         if self.stderr is not None:
             with self.stderr.open("a", encoding="utf-8") as file:
@@ -248,7 +248,7 @@ class Machine:
         if descriptor == STANDARD_ERROR and self.here is not None:
             if self.log_full:
                 raise OSError(errno.ENOSPC, "No space left on device")
-            self.here.tell(bytes(data).decode("utf-8", "replace"))
+            self.here.write_error(bytes(data).decode("utf-8", "replace"))
             return len(data)
         if descriptor < FIRST_DESCRIPTOR:
             size = self.disk.write(descriptor, len(data))

@@ -182,7 +182,7 @@ class Scanned:
         pass
 
 
-def stands(machine: Machine) -> dict[int, object]:
+def stubs(machine: Machine) -> dict[int, object]:
     """By the identity of the real module, class or function: what stands for it."""
     kernel = machine.kernel
     pairs: list[tuple[object, object]] = [
@@ -357,7 +357,7 @@ class ErrorStream(io.TextIOBase):
 
     def write(self, text: str) -> int:
         """Write."""
-        self._process.tell(text)
+        self._process.write_error(text)
         return len(text)
 
     def fileno(self) -> int:
@@ -381,7 +381,7 @@ class Installed:
     """While entered, the project's modules find a world's machine in place of the real one."""
 
     def __init__(self, machine: Machine) -> None:
-        self._stands = stands(machine)
+        self._stubs = stubs(machine)
         self._before: list[tuple[Any, str, object]] = []
 
     def put(self, module: Any, name: str, value: object) -> None:  # noqa: ANN401
@@ -397,7 +397,7 @@ class Installed:
             if place not in {*PLACES, *plugins.driver_packages()} and module_name not in ALSO:
                 continue
             for name, value in list(vars(module).items()):
-                stand = self._stands.get(id(value))
+                stand = self._stubs.get(id(value))
                 if stand is None or not _is_for(module_name, value):
                     continue
                 self.put(module, name, stand)

@@ -39,17 +39,17 @@ class ProgressOutput:
             happen later than the campaign lasted.
     """
 
-    def __init__(self, count: int, asked: ScenarioRequest, shown: Console, *, bar: bool = True) -> None:
+    def __init__(self, count: int, request: ScenarioRequest, shown: Console, *, bar: bool = True) -> None:
         self.failed: list[dict[str, Any]] = []
         self.not_happened: list[dict[str, Any]] = []
-        self.worlds = 0
+        self.scenarios = 0
         self.rig_s = 0.0
         self.digests: dict[int, str] = {}
         self._count = count
-        self._asked = asked
+        self._request = request
         self._shown = shown
         self._began_s = time.perf_counter()
-        self._told = 0
+        self._lines_shown = 0
         self._bar = Progress(
             BarColumn(30, complete_style="cyan"), TextColumn("{task.description}"), console=shown, transient=True,
             disable=not (bar and shown.is_terminal),
@@ -57,7 +57,7 @@ class ProgressOutput:
         self._task: TaskID = self._bar.add_task(self._progress(), total=count)
 
     def __enter__(self) -> Self:
-        for words in self._asked.stood_in:
+        for words in self._request.substitutes:
             self._shown.print(Text(f"in these scenarios {words}", style="dim"), soft_wrap=True)
         self._bar.start()
         return self
@@ -75,51 +75,53 @@ class ProgressOutput:
         """Seeds of the worlds in which something did not hold, ascending."""
         return sorted({entry["seed"] for entry in self.failed})
 
-    def ended(self, world: Ended) -> None:
+    def ended(self, scenario: Ended) -> None:
         """Count a world, tell what did not hold in it, and how far it is."""
-        self.worlds += 1
-        self.rig_s += world.rig_s
-        self.digests[world.seed] = world.digest
-        self.not_happened += [{"seed": world.seed, "event": words, "happening": words} for words in world.not_happened]
-        if world.not_happened and self._asked.happenings is not None:
-            words = f"seed {world.seed}: the campaign ended before {', '.join(world.not_happened)}"
+        self.scenarios += 1
+        self.rig_s += scenario.rig_s
+        self.digests[scenario.seed] = scenario.digest
+        self.not_happened += [
+            {"seed": scenario.seed, "event": words, "happening": words} for words in scenario.not_happened
+        ]
+        if scenario.not_happened and self._request.events is not None:
+            words = f"seed {scenario.seed}: the campaign ended before {', '.join(scenario.not_happened)}"
             self._shown.print(Text(words, style=LOOK), soft_wrap=True)
-        again = self._asked.again(world.seed)
-        for invariant, words, at_s in world.failed:
+        again = self._request.again(scenario.seed)
+        for invariant, words, at_s in scenario.failed:
             self.failed.append(
                 {
-                    "seed": world.seed, "check": invariant, "at_s": at_s, "message": words, "repeat": again,
-                    "events": list(world.happenings), "invariant": invariant, "words": words, "again": again,
-                    "happenings": list(world.happenings),
+                    "seed": scenario.seed, "check": invariant, "at_s": at_s, "message": words, "repeat": again,
+                    "events": list(scenario.scheduled), "invariant": invariant, "words": words, "again": again,
+                    "happenings": list(scenario.scheduled),
                 }
             )  # fmt: skip
-            line = Text(f"seed {world.seed}, {at_s:.3f} s: {invariant}: {words[:LONGEST_WORDS]}", style=BAD)
+            line = Text(f"seed {scenario.seed}, {at_s:.3f} s: {invariant}: {words[:LONGEST_WORDS]}", style=BAD)
             self._shown.print(line, soft_wrap=True)
-        if world.failed:
-            self._shown.print(Text(f"  events: {', '.join(world.happenings) or 'nothing'}"), soft_wrap=True)
+        if scenario.failed:
+            self._shown.print(Text(f"  events: {', '.join(scenario.scheduled) or 'nothing'}"), soft_wrap=True)
             self._shown.print(Text(f"  repeat with: {again}"), soft_wrap=True)
-        self._bar.update(self._task, completed=self.worlds, description=self._progress())
-        if not self._shown.is_terminal and self.worlds * LINES // self._count > self._told:
-            self._told = self.worlds * LINES // self._count
+        self._bar.update(self._task, completed=self.scenarios, description=self._progress())
+        if not self._shown.is_terminal and self.scenarios * LINES // self._count > self._lines_shown:
+            self._lines_shown = self.scenarios * LINES // self._count
             self._shown.print(self._progress())
 
     def _progress(self) -> str:
         count = len(self.failed_seeds)
         failed = f"[{BAD}]{count} failed[/]" if count else "none failed"
-        if not self.worlds:
+        if not self.scenarios:
             return f"0/{self._count} scenarios"
-        left_s = self.wall_s / self.worlds * (self._count - self.worlds)
+        left_s = self.wall_s / self.scenarios * (self._count - self.scenarios)
         rate = self.rig_s / self.wall_s
-        return f"{self.worlds}/{self._count} scenarios, {failed}, {rate:.1f} rig s/s, {duration(left_s)} left"
+        return f"{self.scenarios}/{self._count} scenarios, {failed}, {rate:.1f} rig s/s, {duration(left_s)} left"
 
     def summary(self) -> Text:
         """The last sentence."""
-        worlds = "1 scenario" if self.worlds == 1 else f"{self.worlds} scenarios"
-        if self.worlds < self._count:
-            worlds += f" of {self._count}"
-        line = Text(f"{worlds}, {duration(self.rig_s)} of rig time in {duration(self.wall_s)}: ")
+        scenarios = "1 scenario" if self.scenarios == 1 else f"{self.scenarios} scenarios"
+        if self.scenarios < self._count:
+            scenarios += f" of {self._count}"
+        line = Text(f"{scenarios}, {duration(self.rig_s)} of rig time in {duration(self.wall_s)}: ")
         seeds = self.failed_seeds
-        if not seeds and (not self.worlds or self._asked.until_s is not None):
+        if not seeds and (not self.scenarios or self._request.until_s is not None):
             return line.append("no checks were performed", style=LOOK)
         if self.not_happened:
             count = len({entry["seed"] for entry in self.not_happened})
@@ -130,15 +132,15 @@ class ProgressOutput:
         kinds = Counter(entry["invariant"] for entry in self.failed)
         named = ", ".join(f"{invariant} {count}" for invariant, count in kinds.most_common())
         line.append(f"{len(seeds)} failed ({named})", style=BAD)
-        return line.append(f". To reduce the first failing scenario: {self._asked.again(seeds[0])} --shrink")
+        return line.append(f". To reduce the first failing scenario: {self._request.again(seeds[0])} --shrink")
 
     def answer(self) -> dict[str, Any]:
         """The object of `--json`."""
         return {
-            "scenarios": self.worlds,
-            "worlds": self.worlds,
-            "checked": self._asked.until_s is None,
-            "judged": self._asked.until_s is None,
+            "scenarios": self.scenarios,
+            "worlds": self.scenarios,
+            "checked": self._request.until_s is None,
+            "judged": self._request.until_s is None,
             "failed": sorted(self.failed, key=lambda entry: (entry["seed"], entry["at_s"])),
             "not_happened": sorted(self.not_happened, key=lambda entry: entry["seed"]),
             "rig_hours": round(self.rig_s / 3600.0, 4),

@@ -35,13 +35,13 @@ STALLS = {
 }  # fmt: skip
 OF_THE_STATION = ("station-stalled", MACHINE)
 """Stalls in which the station does not run."""
-FOREIGN = ("foreign-stop", "panel-stop")
+OTHER_STOPS = ("foreign-stop", "panel-stop")
 """Another client stops the rod: by a command, or manually at the controller's own panel."""
 LASTING = ("clock-step", "slow-disk", "pause")
-OTHERS = ("power-cut", "log-full", *LASTING, *FOREIGN)
+OTHERS = ("power-cut", "log-full", *LASTING, *OTHER_STOPS)
 AROUND = (*DISK, *SIGNALS, *DEATHS, *STALLS, *OTHERS)
 """What happens around the devices; the rows of the fault matrix happen in them."""
-HAPPENINGS, MORE_IN_TURN = (0, 1, 1, 1, 2, 2, 3, 4, 5), (0, 0, 0, 0, 1, 1, 2, 3, 4)
+EVENT_COUNTS, MORE_IN_TURN = (0, 1, 1, 1, 2, 2, 3, 4, 5), (0, 0, 0, 0, 1, 1, 2, 3, 4)
 """How many are drawn, one of these numbers; so many more where one is the turn of a seed."""
 FAULT_SHARE = 0.6
 """Of what happens besides: the rest is around the devices."""
@@ -67,8 +67,8 @@ FIRST_CYCLE_S = 3.0
 """The first cycle begins about so long after the application was started."""
 SHOW_LATE = frozenset({"serial-garbage"})
 """Faults that the rig may bear for a second: where one is a seed's turn, it stays."""
-STANDS = "application-stalled"
-STANDS_TIMES = 2.0
+STALL = "application-stalled"
+STALL_TIMES = 2.0
 """Where that is a seed's turn, it comes when the rod moves and lasts so many times as long: 0.5 s go unnoticed."""
 NONE_IN_TURN = 10
 """So many seeds of a round have nothing in turn."""
@@ -157,7 +157,7 @@ class ScenarioPlan:
     Attributes:
         seed: of scheduling, latencies, noise and clocks.
         matrix: the matrix file's text.
-        happenings: what happens, by time.
+        events: what happens, by time.
         actuator: "tcp" or "rtu".
         options: constants of the simulated rig, as `TABLE.KEY=VALUE`.
         tick_s: how often the devices hand over what they have sent (s).
@@ -171,7 +171,7 @@ class ScenarioPlan:
 
     seed: int
     matrix: str
-    happenings: tuple[FaultEvent, ...] = ()
+    events: tuple[FaultEvent, ...] = ()
     actuator: str = "tcp"
     options: tuple[str, ...] = ()
     tick_s: float = 0.01
@@ -199,9 +199,9 @@ class ScenarioPlan:
         rig = fitted(DrawnRig(self.kind, self.bench, self.matrix, self.record))
         return replace(self, matrix=rig.matrix, record=rig.record)
 
-    def without(self, happening: FaultEvent) -> ScenarioPlan:
+    def without(self, event: FaultEvent) -> ScenarioPlan:
         """The same world without one thing."""
-        return replace(self, happenings=tuple(kept for kept in self.happenings if kept is not happening))
+        return replace(self, events=tuple(kept for kept in self.events if kept is not event))
 
 
 @dataclass(frozen=True)
@@ -265,20 +265,20 @@ def drawn(seed: int, given: Given = Given()) -> ScenarioPlan:
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
     actuator = given.actuator or actuator
     # Each from a stream of its own, so that the others stay as they are, whatever is given in its place.
-    happenings = _happenings(seed, actuator, given)
+    events = _events(seed, actuator, given)
     pace = random.Random(f"pace {seed}")
     tick_s, turn_s = pace.choice(TICKS_S), pace.choice(TURNS_S)
     text, named = (given.matrix, False) if given.matrix else _matrix(chance)
     if named and chance.random() < SLOW_FILES_SHARE:
-        happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
-    happenings = (*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s))
+        events = (*events, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
+    events = (*events, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s))
     gap = _gap(random.Random(f"gap {seed}"), given.motion_s) if given.streamed else ()
     alone = gap and random.Random(f"alone {seed}").random() < ALONE_SHARE
-    chosen = gap if alone else (*happenings, *gap)
-    happenings = _in_order(happening for happening in chosen if given.may_have(happening.what, actuator))
+    chosen = gap if alone else (*events, *gap)
+    events = _in_order(event for event in chosen if given.may_have(event.what, actuator))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return ScenarioPlan(
-        seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
+        seed, text, events, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
         bench=given.bench, lasts_s=given.lasts_s, kind=given.kind, record=given.record,
     )  # fmt: skip
 
@@ -321,7 +321,7 @@ def happens_unmeasured(what: str) -> bool:
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 
 
-def _happenings(seed: int, actuator: str, given: Given) -> tuple[FaultEvent, ...]:
+def _events(seed: int, actuator: str, given: Given) -> tuple[FaultEvent, ...]:
     """What is a seed's turn, and up to four things that come later; or one to five of any kind; rarely none at all."""
     chance, motion_s = random.Random(f"happenings {seed}"), given.motion_s
     possible = [slug for slug in sorted(INJECTORS) if slug not in NEVER_DRAWN and given.may_have(slug, actuator)]
@@ -331,7 +331,7 @@ def _happenings(seed: int, actuator: str, given: Given) -> tuple[FaultEvent, ...
     began_s = chosen[0].begins_s if chosen else 0.0
     if chosen:  # what is refused would hide everything else
         possible = [slug for slug in possible if MATRIX[slug].end is not Ending.REFUSE]
-    for _ in range(chance.choice(MORE_IN_TURN if chosen else HAPPENINGS)):
+    for _ in range(chance.choice(MORE_IN_TURN if chosen else EVENT_COUNTS)):
         before = chosen[-1] if chosen else None
         if chance.random() < FAULT_SHARE:
             within_s = max(0.0, fault_s - max(0.0, began_s - FIRST_CYCLE_S))
@@ -359,11 +359,11 @@ def _in_turn(
     random.Random(f"turns {number}").shuffle(turns)
     what = turns[place]
     if what in AROUND:
-        begins_s = FIRST_CYCLE_S if what == STANDS else 0.0
+        begins_s = FIRST_CYCLE_S if what == STALL else 0.0
         latest_s = motion_s + FIRST_CYCLE_S if motion_s else EARLY_S[1]
-        happening = _around(what, chance.uniform(begins_s, latest_s), chance)
-        times = STANDS_TIMES if what == STANDS else 1.0
-        return [replace(happening, lasts_s=None if happening.lasts_s is None else times * happening.lasts_s)]
+        event = _around(what, chance.uniform(begins_s, latest_s), chance)
+        times = STALL_TIMES if what == STALL else 1.0
+        return [replace(event, lasts_s=None if event.lasts_s is None else times * event.lasts_s)]
     if not what:
         return []
     fault = _fault(what, chance, 0.0, motion_s or EARLY_S[0])
@@ -374,14 +374,14 @@ def _fault(slug: str, chance: random.Random, began_s: float, within_s: float) ->
     """A fault of a row, within a time after something has begun: when, and for how long it lasts."""
     fault = drawn_fault(slug, chance, within_s)
     lasts_s = min(fault.lasts_s, COOLS_S if slug == "ecu-overtemp" else math.inf)
-    happening = FaultEvent(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s)
-    return happening if fault.after_s is None else happening.begun_at(max(FIRST_CYCLE_S, began_s) + fault.after_s)
+    event = FaultEvent(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s)
+    return event if fault.after_s is None else event.begun_at(max(FIRST_CYCLE_S, began_s) + fault.after_s)
 
 
 def _in_order(chosen: Iterable[FaultEvent]) -> tuple[FaultEvent, ...]:
     """By time; signals may come again, nothing else does."""
-    unique = {(happening.what, happening.what in SIGNALS and happening.at_s): happening for happening in chosen}
-    return tuple(sorted(unique.values(), key=lambda happening: (happening.at_s or 0.0, happening.what)))
+    unique = {(event.what, event.what in SIGNALS and event.at_s): event for event in chosen}
+    return tuple(sorted(unique.values(), key=lambda event: (event.at_s or 0.0, event.what)))
 
 
 def _beyond_limits(chance: random.Random, motion_s: float) -> tuple[FaultEvent, ...]:

@@ -101,12 +101,12 @@ class Popen:
 
     def __init__(
         self, machine: Machine, arguments: list[str], *, stderr: Any = None, pass_fds: tuple[int, ...] = (),  # noqa: ANN401
-        **asked: Any,  # noqa: ANN401
+        **options: Any,  # noqa: ANN401
     ) -> None:
-        stdin, stdout = asked.pop("stdin", None), asked.pop("stdout", None)
-        text, start_new_session = asked.pop("text", False), asked.pop("start_new_session", False)
-        if asked:
-            raise TypeError(f"not supported in a scenario: {', '.join(sorted(asked))}")
+        stdin, stdout = options.pop("stdin", None), options.pop("stdout", None)
+        text, start_new_session = options.pop("text", False), options.pop("start_new_session", False)
+        if options:
+            raise TypeError(f"not supported in a scenario: {', '.join(sorted(options))}")
         name, parent = arguments[2], machine.here
         program = machine.programs[name]
         log = parent.stderr if parent is not None else None

@@ -108,7 +108,7 @@ def a_held_rod_stays(view: View) -> Findings:
 def _cannot_let_go(view: View, from_ns: float, to_ns: float) -> bool:
     """The station may not see that a held rod moves, or cannot take its pressure away."""
     faults = view.active(from_ns, to_ns)
-    killed = any(at_ns < to_ns and happening.what in KILLING for at_ns, happening in view.session.happened)
+    killed = any(at_ns < to_ns and event.what in KILLING for at_ns, event in view.session.happened)
     unseen = any("lvdt" in fault for fault in faults)
     return killed or unseen or bool(view.hiding_places(faults) & OUT_OF_REACH or faults & DISOBEYED)
 
@@ -120,20 +120,20 @@ def _heard_ns(view: View) -> float:
     return 1e9 * (silent_s + HANDED_OVER_S)
 
 
-def _told(view: View) -> set[str]:
+def _reported(view: View) -> set[str]:
     return {str(line["slug"]) for line in view.station("trip", "also", "warning")}
 
 
 def source_is_hidden(view: View) -> bool:
     """The station reported something else of the current source, which may hide its current."""
-    return any(MATRIX[slug].place in OF_THE_SOURCE for slug in _told(view) - CURRENT_FLOWS if slug in MATRIX)
+    return any(MATRIX[slug].place in OF_THE_SOURCE for slug in _reported(view) - CURRENT_FLOWS if slug in MATRIX)
 
 
-def a_current_that_comes_back_is_told(view: View) -> Findings:
+def a_current_that_comes_back_is_reported(view: View) -> Findings:
     """A current that flows after a proof of 0 A is reported, and so is what hides it."""
     if view.session.answer is None or view.by_hand:
         return
-    if source_is_hidden(view) or CURRENT_FLOWS & _told(view):
+    if source_is_hidden(view) or CURRENT_FLOWS & _reported(view):
         return
     for safe in view.station("safe"):
         t_ns = float(safe["t_ns"])
@@ -147,5 +147,5 @@ PROOF_CHECKS: dict[str, Callable[[View], Findings]] = {
     "proved": a_stop_is_proved,
     "true-proof": what_is_proved_is_true,
     "held": a_held_rod_stays,
-    "comes-back": a_current_that_comes_back_is_told,
+    "comes-back": a_current_that_comes_back_is_reported,
 }

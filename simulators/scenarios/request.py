@@ -66,28 +66,28 @@ class ScenarioRequest:
     Attributes:
         given: the user's files and what follows from them.
         files: the user's.
-        happenings: in place of what is drawn; None: drawn.
+        events: in place of what is drawn; None: drawn.
         until_s: when each world ends; None: with its campaign.
         options: of the command, as they are written to get one of these worlds again.
-        stood_in: what of the user's bench a world has otherwise.
+        substitutes: what of the user's bench a world has otherwise.
     """
 
     given: Given = field(default_factory=Given)
     files: Files = field(default_factory=Files)
-    happenings: tuple[FaultEvent, ...] | None = None
+    events: tuple[FaultEvent, ...] | None = None
     until_s: float | None = None
     options: tuple[str, ...] = ()
-    stood_in: tuple[str, ...] = ()
+    substitutes: tuple[str, ...] = ()
 
     def plan(self, seed: int) -> ScenarioPlan:
         """The world of a seed, with what was asked for in place of what is drawn."""
-        if self.happenings is None:
+        if self.events is None:
             return drawn(seed, self.given)
-        given, link = given_for(seed, self.given), _link(self.happenings)
-        if given.kind and not all(given.may_have(item.what, given.actuator or link) for item in self.happenings):
+        given, link = given_for(seed, self.given), _link(self.events)
+        if given.kind and not all(given.may_have(item.what, given.actuator or link) for item in self.events):
             given = replace(self.given, usual=True)
         plan = drawn(seed, given)
-        return replace(plan, happenings=self.happenings, actuator=given.actuator or link or plan.actuator)
+        return replace(plan, events=self.events, actuator=given.actuator or link or plan.actuator)
 
     def again(self, seed: int) -> str:
         """The command that runs the world of a seed again."""
@@ -117,12 +117,12 @@ def seeds_of(text: str) -> range:
     return range(first, end)
 
 
-def request_for(files: Files, happenings: Iterable[str], until_s: float | None, actuator: str = "") -> ScenarioRequest:
+def request_for(files: Files, texts: Iterable[str], until_s: float | None, actuator: str = "") -> ScenarioRequest:
     """Read and judge the user's files and words.
 
     Args:
         files: the user's.
-        happenings: in place of what is drawn; none: drawn.
+        texts: in place of what is drawn; none: drawn.
         until_s: when each world ends; None: with its campaign.
         actuator: "tcp" or "rtu"; empty: as the bench says, else drawn.
 
@@ -133,79 +133,79 @@ def request_for(files: Files, happenings: Iterable[str], until_s: float | None, 
     """
     if until_s is not None and not (math.isfinite(until_s) and until_s > 0.0):
         raise click.BadParameter(f"{until_s:g}: expected a number of seconds above 0", param_hint="--until")
-    words = tuple(happenings)
-    wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
-    given, stood_in = _given(files)
+    words = tuple(texts)
+    events = () if words == (NOTHING,) else tuple(map(_event, words))
+    given, substitutes = _given(files)
     if actuator and given.actuator not in {"", actuator}:
         raise click.BadParameter("this bench is connected to the controller over "
             f"{given.actuator}", param_hint="--actuator")
     given = replace(given, actuator=given.actuator or actuator)
-    _check_happenings(wanted, given)
+    _check_events(events, given)
     options = [*files.options, *(word for text in words for word in ("--event", text))]
     if actuator:
         options += ["--actuator", actuator]
     if until_s is not None:
         options += ["--until", repr(until_s)]
-    return ScenarioRequest(given, files, wanted if words else None, until_s, tuple(options), stood_in)
+    return ScenarioRequest(given, files, events if words else None, until_s, tuple(options), substitutes)
 
 
-def _happening(text: str) -> FaultEvent:
+def _event(text: str) -> FaultEvent:
     try:
-        happening = FaultEvent.parse(text)
+        event = FaultEvent.parse(text)
     except FileProblem as error:
         raise click.BadParameter("; ".join(error.problems), param_hint="--event") from None
-    times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
+    times_s = [time_s for time_s in (event.at_s, event.lasts_s) if time_s is not None]
     if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
         raise click.BadParameter(f"{text!r}: times must be from 0 to {LATEST_S:g} s", param_hint="--event")
-    what, lasts_s = happening.what, happening.lasts_s
+    what, lasts_s = event.what, event.lasts_s
     if what in LASTS and not lasts_s:
-        example = f"{what}@{happening.at_s:g}+0.5"
+        example = f"{what}@{event.at_s:g}+0.5"
         raise click.BadParameter(f"{text!r}: a duration is required, such as {example}", param_hint="--event")
-    if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
-        words = f"{text!r}: this event has no duration. Fix: write {what}@{happening.at_s:g}"
+    if event.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
+        words = f"{text!r}: this event has no duration. Fix: write {what}@{event.at_s:g}"
         raise click.BadParameter(words, param_hint="--event")
-    return happening
+    return event
 
 
-def _check_happenings(wanted: tuple[FaultEvent, ...], given: Given) -> None:
+def _check_events(events: tuple[FaultEvent, ...], given: Given) -> None:
     """Refuse what cannot happen on this rig.
 
     Raises:
         BadParameter: with what to do.
     """
-    links = {ONLY_ON.get(happening.what.partition(":")[0], "") for happening in wanted} - {""}
-    link = given.actuator or _link(wanted)
-    for happening in wanted:
-        slug = happening.what.partition(":")[0]
+    links = {ONLY_ON.get(event.what.partition(":")[0], "") for event in events} - {""}
+    link = given.actuator or _link(events)
+    for event in events:
+        slug = event.what.partition(":")[0]
         needed = ONLY_ON.get(slug)
         problem = ""
         if needed == BY_ID:
             problem = "named ports do not exist in a scenario; use `rig simulate --ports by-id`"
-        elif given.streamed and happening.what in AT_THE_PANEL:
+        elif given.streamed and event.what in AT_THE_PANEL:
             problem = "requires a controller with a function generator; this bench streams set-points"
         elif needed is not None and needed != link and not (needed == STREAMED and given.streamed):
             has = "a controller cannot have both connections" if len(links) > 1 else (
                 f"this bench is connected over {link}"
             )
             problem = f"requires a controller connected over {needed}; {has}"
-        elif given.supply and not happens_to_supply(happening.what):
+        elif given.supply and not happens_to_supply(event.what):
             problem = (
                 "does not occur with a power supply as the current source: there is no bus, and the supply's current "
                 "continues without the host"
             )
-        elif happening.what in ONLY_BY_SUPPLY and not given.supply:
+        elif event.what in ONLY_BY_SUPPLY and not given.supply:
             problem = "requires a power supply as the current source. Fix: use --bench with a bench that has one"
-        elif given.unmeasured and not happens_unmeasured(happening.what):
+        elif given.unmeasured and not happens_unmeasured(event.what):
             problem = "does not occur if the current is not measured"
-        elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
+        elif event.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "requires an auxiliary channel. Fix: use --bench with a bench that has one"
         if problem:
-            raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
+            raise click.BadParameter(f"{event.what!r}: {problem}", param_hint="--event")
 
 
-def _link(happenings: Iterable[FaultEvent]) -> str:
+def _link(events: Iterable[FaultEvent]) -> str:
     """The kind of link that these need; empty where any will do."""
-    needed = (ONLY_ON.get(happening.what.partition(":")[0], "") for happening in happenings)
+    needed = (ONLY_ON.get(event.what.partition(":")[0], "") for event in events)
     return next((link for link in needed if link), "")
 
 
@@ -224,7 +224,7 @@ def _given(files: Files) -> tuple[Given, tuple[str, ...]]:
     matrix, bench = load_files(files.matrix, files.bench)
     user = UserBench.load(files.bench, matrix)
     given = _forecast(matrix, bench, _text_of(files.matrix))
-    return _on_bench(given, text, user), user.stood_in
+    return _on_bench(given, text, user), user.substitutes
 
 
 def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
@@ -243,7 +243,7 @@ def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
     except Refused as error:
         raise Refused(error.slug, f"{path}: randomly drawn matrices do not fit this bench. "
             f"Fix: specify a matrix with --matrix FILE\n{error}") from error  # fmt: skip
-    return _on_bench(Given(), text, user), user.stood_in
+    return _on_bench(Given(), text, user), user.substitutes
 
 
 def _on_bench(given: Given, text: str, user: UserBench) -> Given:

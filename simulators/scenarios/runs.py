@@ -23,13 +23,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from rig.errors import RigError
-from simulators.scenarios.invariants import judged
+from simulators.scenarios.invariants import violations
 from simulators.scenarios.plan import ScenarioPlan
 from simulators.scenarios.request import ScenarioRequest
 from simulators.scenarios.scenario import MOST_SESSIONS, Scenario
 from simulators.scenarios.stage import load_everything
 
-WORLDS_A_WORKER = 100
+SCENARIOS_PER_WORKER = 100
 """A worker begins anew after so many: what killed processes held is given back with it."""
 AHEAD = 4
 """So many worlds wait for each worker."""
@@ -53,7 +53,7 @@ class Ended:
         failed: invariant and words of everything that did not hold, with the virtual time (s).
         digest: of everything it made; `events` of what happened in it, by name.
         rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
-        happenings: what was to happen in it; `not_happened`: of these what was to come later than its campaign's end.
+        scheduled: what was to happen in it; `not_happened`: of these what was to come later than its campaign's end.
         moved_s: for how long the rod moved (s).
     """
 
@@ -64,7 +64,7 @@ class Ended:
     wall_s: float
     sessions: tuple[int | None, ...]
     cpu_s: float = 0.0
-    happenings: tuple[str, ...] = ()
+    scheduled: tuple[str, ...] = ()
     moved_s: float = 0.0
     events: str = ""
     not_happened: tuple[str, ...] = ()
@@ -76,26 +76,26 @@ def live(
 ) -> tuple[Scenario, Ended]:
     """Run a world and judge it; `begin` is called with it first."""
     began_s, cpu_s = time.perf_counter(), time.process_time()
-    world = Scenario(plan, root, most_sessions=most_sessions)
+    scenario = Scenario(plan, root, most_sessions=most_sessions)
     if begin is not None:
-        begin(world)
-    world.run(until_s)
-    broken = () if until_s is not None else judged(world)
+        begin(scenario)
+    scenario.run(until_s)
+    broken = () if until_s is not None else violations(scenario)
     # Paths as they are in every run of this world, not in this one's folder, which is gone soon.
     failed = tuple((invariant, words.replace(f"{root}/", ""), at_s) for invariant, words, at_s in broken)
     wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
-    codes = tuple(session.exit_code for session in world.sessions)
-    happenings = tuple(map(str, plan.happenings))
-    moved_s = sum(session.truth.moved_s for session in world.sessions)
-    return world, Ended(
-        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s,
-        world.events(), () if until_s is not None else tuple(map(str, world.not_happened)),
+    codes = tuple(session.exit_code for session in scenario.sessions)
+    scheduled = tuple(map(str, plan.events))
+    moved_s = sum(session.truth.moved_s for session in scenario.sessions)
+    return scenario, Ended(
+        plan.seed, failed, scenario.digest(), scenario.kernel.time_s, wall_s, codes, cpu_s, scheduled, moved_s,
+        scenario.events(), () if until_s is not None else tuple(map(str, scenario.not_happened)),
     )  # fmt: skip
 
 
-def one(seed: int, asked: ScenarioRequest) -> Ended:
+def one(seed: int, request: ScenarioRequest) -> Ended:
     """Run the world of a seed."""
-    return alone(asked.plan(seed), asked.until_s)
+    return alone(request.plan(seed), request.until_s)
 
 
 def alone(
@@ -109,8 +109,8 @@ def alone(
             _, ended = live(plan, Path(name), until_s, begin, most_sessions)
         except Exception:  # noqa: BLE001 - told as this world's failure, the others go on
             words = traceback.format_exc(limit=-6)
-            happenings = tuple(map(str, plan.happenings))
-            return Ended(plan.seed, (("world", words, 0.0),), "", 0.0, 0.0, (), happenings=happenings)
+            scheduled = tuple(map(str, plan.events))
+            return Ended(plan.seed, (("world", words, 0.0),), "", 0.0, 0.0, (), scheduled=scheduled)
         finally:
             _under_way.remove(name)
     return ended
@@ -151,7 +151,7 @@ def _leave(*_: object) -> None:
     os._exit(1)
 
 
-def every(seeds: range, asked: ScenarioRequest, jobs: int) -> Iterator[Ended]:
+def every(seeds: range, request: ScenarioRequest, jobs: int) -> Iterator[Ended]:
     """The worlds of these seeds as they end, in so many processes.
 
     Raises:
@@ -161,7 +161,7 @@ def every(seeds: range, asked: ScenarioRequest, jobs: int) -> Iterator[Ended]:
     with _pool(min(jobs, len(seeds))) as pool:
         while True:
             free = AHEAD * jobs - len(under_way)
-            under_way |= {pool.submit(one, seed, asked) for seed in islice(waiting, free)}
+            under_way |= {pool.submit(one, seed, request) for seed in islice(waiting, free)}
             if not under_way:
                 break
             done, under_way = concurrent.futures.wait(
@@ -190,7 +190,7 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
     pool = ProcessPoolExecutor(
         processes, mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker,
-        max_tasks_per_child=WORLDS_A_WORKER,
+        max_tasks_per_child=SCENARIOS_PER_WORKER,
     )  # fmt: skip
     try:
         yield pool

@@ -28,7 +28,7 @@ from simulators.rig import RunOptions, SimulatedRig
 from simulators.scenarios.drawn_rig import RECORD
 from simulators.scenarios.kernel import Kernel, NothingHappens
 from simulators.scenarios.machine import Process
-from simulators.scenarios.plan import DEATHS, DISK, FOREIGN, SIGNALS, STALLS, FaultEvent, ScenarioPlan
+from simulators.scenarios.plan import DEATHS, DISK, OTHER_STOPS, SIGNALS, STALLS, FaultEvent, ScenarioPlan
 from simulators.scenarios.stage import Application, Stage
 from simulators.scenarios.user_bench import UserBench
 from simulators.schedule import parse_fault
@@ -36,7 +36,7 @@ from simulators.schedule import parse_fault
 MOST_SESSIONS = 6
 SESSION_S = 400.0
 """A campaign of a world that has not ended by then never will (virtual s)."""
-FOREIGN_SEQUENCE = 1000
+OTHER_SEQUENCE = 1000
 LOOK_AGAIN_NS = 100_000_000
 REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
@@ -221,9 +221,9 @@ class Scenario:
         ran = Application(self.stage, self._options(), self.display)
         application = ran.process
         if number == 1:
-            for happening in self.plan.happenings:
-                if happening.around:
-                    self._arrange(happening, session)
+            for event in self.plan.events:
+                if event.around:
+                    self._arrange(event, session)
         end_ns = session.began_ns + int((SESSION_S + self.plan.lasts_s) * 1e9)
         last_ns = end_ns if until_s is None else self.kernel.start_ns + int(until_s * 1e9)
         self.kernel.run(lambda: not application.alive or self.kernel.now_ns > min(end_ns, last_ns))
@@ -261,8 +261,8 @@ class Scenario:
             options = user.options
         for assignment in plan.options:
             options = with_option(options, assignment)
-        faulty = plan.happenings if with_faults else ()
-        faults = tuple(parse_fault(str(happening)) for happening in faulty if not happening.around)
+        faulty = plan.events if with_faults else ()
+        faults = tuple(parse_fault(str(event)) for event in faulty if not event.around)
         run = RunOptions(
             seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True,
             auxiliaries=() if user is None else user.auxiliaries,
@@ -286,19 +286,19 @@ class Scenario:
 
     # What happens around the devices
 
-    def _arrange(self, happening: FaultEvent, session: Session) -> None:
+    def _arrange(self, event: FaultEvent, session: Session) -> None:
         """Have something happen at its time."""
-        after_ns = int((happening.at_s or 0.0) * 1e9)
+        after_ns = int((event.at_s or 0.0) * 1e9)
 
         def do() -> None:
             if session.exit_code is None:
-                session.happened.append((self.kernel.now_ns, happening))
-                self._happen(happening)
+                session.happened.append((self.kernel.now_ns, event))
+                self._happen(event)
 
-        self.kernel.spawn(str(happening), self._fate, do, after_ns)
+        self.kernel.spawn(str(event), self._fate, do, after_ns)
 
-    def _happen(self, happening: FaultEvent) -> None:
-        what, lasts_ns, stage = happening.what, int((happening.lasts_s or 0.0) * 1e9), self.stage
+    def _happen(self, event: FaultEvent) -> None:
+        what, lasts_ns, stage = event.what, int((event.lasts_s or 0.0) * 1e9), self.stage
         if what == "pause":
             stage.signal("application", signal.SIGTSTP)
             paused = self.sessions[-1]
@@ -314,11 +314,11 @@ class Scenario:
         elif what in DISK or what in {"slow-disk", "log-full"}:
             self._spoil_the_disk(what, lasts_ns)
         elif what == "clock-step":
-            self.machine.wall_step_s += 3600.0 * (happening.lasts_s or 1.0)
+            self.machine.wall_step_s += 3600.0 * (event.lasts_s or 1.0)
         elif what == "power-cut":
             stage.power_cut()
-        elif what in FOREIGN:
-            self._stop_by_somebody_else(happening)
+        elif what in OTHER_STOPS:
+            self._stop_by_somebody_else(event)
 
     def _go_on(self, paused: Session) -> None:
         """The pause's key again, unless the session that it paused is over: it would pause the next one, for good."""
@@ -337,21 +337,21 @@ class Scenario:
         else:
             disk.refuses = DISK[what]
 
-    def _stop_by_somebody_else(self, happening: FaultEvent) -> None:
+    def _stop_by_somebody_else(self, event: FaultEvent) -> None:
         """A running program is stopped by a command of another client, or at the panel; the next one if none runs."""
-        what, session, actuator = happening.what, self.sessions[-1], self.stage.rig.actuator
+        what, session, actuator = event.what, self.sessions[-1], self.stage.rig.actuator
         if actuator.motion_state is not (State.RUNNING if actuator.options.generator else State.MOVING):
             if self.stage.named("application"):
-                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(happening), LOOK_AGAIN_NS)
+                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(event), LOOK_AGAIN_NS)
             return
         if what == "foreign-stop":
-            sequence = (actuator.sequence + FOREIGN_SEQUENCE) % 0xFFFF or 1
+            sequence = (actuator.sequence + OTHER_SEQUENCE) % 0xFFFF or 1
             command = Command.FADE_STOP if actuator.options.generator else Command.HALT
             actuator.execute({"sequence": sequence, "command": int(command), "owner_id": 0})
         else:
             actuator.stop_at_panel()
-        if not any(known is happening for _, known in session.happened):
-            session.happened.append((self.kernel.now_ns, happening))
+        if not any(known is event for _, known in session.happened):
+            session.happened.append((self.kernel.now_ns, event))
         session.truth.note("FOREIGN", what)
 
     # What came of it
@@ -360,13 +360,13 @@ class Scenario:
     def not_happened(self) -> tuple[FaultEvent, ...]:
         """What was to happen later than the campaign's first session lasted."""
         if not self.sessions:
-            return self.plan.happenings
+            return self.plan.events
         first = self.sessions[0]
         begun = {line.text for line in first.truth.log if line.code == "FAULT"}
         return tuple(
-            happening for happening in self.plan.happenings
-            if (happening.what not in begun if not happening.around else
-                not any(known is happening for _, known in first.happened))
+            event for event in self.plan.events
+            if (event.what not in begun if not event.around else
+                not any(known is event for _, known in first.happened))
         )
 
     @property
@@ -393,9 +393,9 @@ class Scenario:
 
     def events(self) -> str:
         """One number for what happened by name, which another Python or processor makes the same."""
-        told = [[line.get(key) for key in NAMES] for line in self.journal]
+        journal = [[line.get(key) for key in NAMES] for line in self.journal]
         obeyed = [line.code for session in self.sessions for line in session.truth.log]
-        return hashlib.sha256(json.dumps([told, obeyed]).encode()).hexdigest()[:16]
+        return hashlib.sha256(json.dumps([journal, obeyed]).encode()).hexdigest()[:16]
 
     def digest(self) -> str:
         """One number for everything that the world has made."""

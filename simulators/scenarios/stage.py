@@ -194,7 +194,7 @@ class Stage:
         return not any(process.alive and process is not self.devices for process in self.machine.processes.values())
 
     @property
-    def stands(self) -> bool:
+    def is_still(self) -> bool:
         """The rod stands, and no current flows."""
         plant = self.rig.plant
         return abs(plant.value("velocity_m_s")) < STILL_M_S and abs(plant.value("current_A")) < NO_CURRENT_A
@@ -202,4 +202,4 @@ class Stage:
     @property
     def at_rest(self) -> bool:
         """No process of the host is left, and the rig has neither pressure nor motion nor current."""
-        return self.alone and self.stands and int(self.rig.plant.command["pressure"][0]) == 0
+        return self.alone and self.is_still and int(self.rig.plant.command["pressure"][0]) == 0

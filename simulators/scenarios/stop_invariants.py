@@ -15,7 +15,7 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
 from simulators.beyond_limits import MOST_SLIP_M, SLIP_M_S
 from simulators.scenarios.motion_invariants import motion_of
-from simulators.scenarios.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
+from simulators.scenarios.plan import DISK, OF_THE_STATION, OTHER_STOPS, SIGNALS
 from simulators.scenarios.proof_invariants import moving_by_itself
 from simulators.scenarios.scenario import Noted
 from simulators.scenarios.view import (
@@ -39,7 +39,7 @@ STOPPED_BY_S = 1.0
 CURRENT_AFTER_S = 1.5
 CURRENT_AT_ONCE_S = 0.3
 """Where nothing is wrong with the way to the ECU, nor with the station."""
-TOLD_NS = 300e6
+NOTICE_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
 SHORTLY_NS = 10e6
@@ -94,7 +94,7 @@ SIGNAL_SLUGS = {"sigint", "sigterm", "sigint-storm"}
 EXPLAINS: dict[str, set[str]] = {
     **dict.fromkeys(DISK, DISK_SLUGS),
     **dict.fromkeys(SIGNALS, SIGNAL_SLUGS),
-    **dict.fromkeys(FOREIGN, SECOND_MASTER),
+    **dict.fromkeys(OTHER_STOPS, SECOND_MASTER),
     "clock-step": set(),
     "log-full": set(),
     "pause": set(),
@@ -174,38 +174,38 @@ def first_cause_is_named(view: View) -> Findings:
     if answer is None or not trips or answer.exit_code != 4:
         return
     later = [line["slug"] for line in view.station("trip", "also")]
-    asked_ns = [at_ns for at_ns, happening in view.session.happened if happening.what in SIGNALS]
-    if answer.stopped_by in SIGNAL_SLUGS and any(at_ns < float(trips[-1]["latched_ns"]) for at_ns in asked_ns):
+    signals_ns = [at_ns for at_ns, event in view.session.happened if event.what in SIGNALS]
+    if answer.stopped_by in SIGNAL_SLUGS and any(at_ns < float(trips[-1]["latched_ns"]) for at_ns in signals_ns):
         return  # The operator came before the station knew of anything.
-    told = {line["slug"] for line in view.station("trip", "also", "warning")}
-    if answer.stopped_by in SEEN_BY_STATION - told:
+    slugs = {line["slug"] for line in view.station("trip", "also", "warning")}
+    if answer.stopped_by in SEEN_BY_STATION - slugs:
         yield f"the rig was stopped by {answer.stopped_by}, which the station did not report", float(trips[-1]["t_ns"])
     if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
         words = f"reported as stopped by {answer.stopped_by}, but the first cause was {trips[-1]['slug']}"
         yield words, float(trips[-1]["t_ns"])
 
 
-def no_start_after_a_foreign_stop(view: View) -> Findings:
+def no_start_after_a_stop_by_another_master(view: View) -> Findings:
     """Once another client has stopped the rig, this program starts nothing."""
-    foreign = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
-    foreign += [
-        line.host_ns + TOLD_NS for line in view.session.truth.log
+    stops_ns = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
+    stops_ns += [
+        line.host_ns + NOTICE_NS for line in view.session.truth.log
         if line.code == "FOREIGN" and not _leaves_no_trace(view, line)
     ]
     for line in view.session.truth.log:
-        if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
+        if stops_ns and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(stops_ns) + 20e6:
             yield f"{line.code} was sent after another master's stop", line.host_ns
             return
     motion = motion_of(view)
     ends_ns = HALTED_NS + (0.0 if motion is None else 1e9 * motion.fades_s)
-    halted_ns = min(foreign, default=math.inf) + ends_ns
+    halted_ns = min(stops_ns, default=math.inf) + ends_ns
     for at_ns, _, velocity_m_s in view.session.truth.setpoints:
         if abs(velocity_m_s) > MOVING_M_S and halted_ns < at_ns < view.reset_ns(halted_ns - ends_ns):
             yield f"a set-point of {velocity_m_s:.3g} m/s was sent after another master's stop", at_ns
             return
 
 
-def a_foreign_stop_is_noticed(view: View) -> Findings:
+def a_stop_by_another_master_is_noticed(view: View) -> Findings:
     """A stop by another client's command is that client's, and no end of the program."""
     if view.hidden_way or view.session.answer is None:
         return
@@ -236,8 +236,8 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
     answer = view.session.answer
     if answer is None or answer.exit_code != 0:
         return
-    told = {str(line.get("slug")) for line in view.station("trip", "also", "warning")}
-    said = " ".join(" ".join(line.get("reasons") or ()) for line in view.lines if line.get("event") == "judged")
+    slugs = {str(line.get("slug")) for line in view.station("trip", "also", "warning")}
+    reasons = " ".join(" ".join(line.get("reasons") or ()) for line in view.lines if line.get("event") == "judged")
     for line in view.session.truth.log:
         slug = line.text.partition(":")[0]
         row = MATRIX.get(slug)
@@ -245,10 +245,10 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
             continue
         if (slug in OF_ITS_CURRENT and view.without_current(line.host_ns)) or _shows_nothing(view, line.text):
             continue
-        happening = next((given for given in view.world.plan.happenings if given.what == line.text), None)
+        event = next((given for given in view.scenario.plan.events if given.what == line.text), None)
         running = view.between(line.host_ns + 1e9, view.session.ended_ns)
         moved = len(running) and np.max(np.abs(running[:, 1])) > MOVING_M_S
-        if happening is not None and happening.lasts_s is None and moved and not told and slug not in said:
+        if event is not None and event.lasts_s is None and moved and not slugs and slug not in reasons:
             yield f"{line.text} was not detected", line.host_ns
 
 
@@ -291,9 +291,9 @@ def stops_have_a_cause(view: View) -> Findings:
     for trip in view.station("trip")[:1]:
         latched_ns = float(trip["latched_ns"])
         around = [
-            happening.what for at_ns, happening in view.session.happened
+            event.what for at_ns, event in view.session.happened
             if at_ns <= latched_ns <= at_ns + 1e9 * (
-                (happening.lasts_s or 0.0) + EXPLAINS_FOR_S.get(happening.what, math.inf)
+                (event.lasts_s or 0.0) + EXPLAINS_FOR_S.get(event.what, math.inf)
             )
         ]
         if any(what not in EXPLAINS for what in around):
@@ -320,10 +320,10 @@ def stops_have_a_cause(view: View) -> Findings:
             ), latched_ns
 
 
-def the_first_is_told_first(view: View) -> Findings:
+def the_first_is_reported_first(view: View) -> Findings:
     """The station tells of nothing that came after a stop's first cause before it tells of that cause."""
-    told = view.station("trip", "also")
-    for line, following in pairwise(told):
+    causes = view.station("trip", "also")
+    for line, following in pairwise(causes):
         if float(following["latched_ns"]) < float(line["latched_ns"]):
             yield (
                 f"{line['slug']} was reported before {following['slug']}, which occurred first"
@@ -344,7 +344,7 @@ def a_stop_is_sent(view: View) -> Findings:
             yield f"no stop was sent to the controller within {SENT_S:g} s of {trip['slug']}", latched_ns
 
 
-def nothing_is_asked_while_stopped(view: View) -> Findings:
+def nothing_is_commanded_while_stopped(view: View) -> Findings:
     """Between a latched stop and the next start this host orders no motion or pressure."""
     energising = {Command.START.name, Command.MOVE_TO.name, Command.HYDRAULICS_ON.name}
     for trip in view.station("trip"):
@@ -369,7 +369,7 @@ def a_fault_ends_the_motion(view: View) -> Findings:
         if view.hidden_devices:
             return
         stops += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
-        stops += [at_ns for at_ns, happening in view.session.happened if happening.what in KILLING]
+        stops += [at_ns for at_ns, event in view.session.happened if event.what in KILLING]
     until_ns = min(stops, default=view.session.ended_ns)
     for at_ns, fault in view.begun(until_ns):
         row = MATRIX.get(fault.partition(":")[0])
@@ -405,9 +405,9 @@ def a_program_ends(view: View) -> Findings:
     for line in view.lines:
         if line.get("event") != "point":
             continue
-        told_ns = float(line["host_ns"])
+        reported_ns = float(line["host_ns"])
         # A motion of streamed set-points has no start that the controller knows.
-        begun_ns = next((at_ns for at_ns in starts if told_ns < at_ns < told_ns + STARTED_NS), math.inf)
+        begun_ns = next((at_ns for at_ns in starts if reported_ns < at_ns < reported_ns + STARTED_NS), math.inf)
         ends_ns = begun_ns + 1e9 * (motion_s.get(str(line["point"]), math.inf) + view.stalled_s)
         later = (at_ns for at_ns in (*latched, *motions) if at_ns > begun_ns)
         rows = view.between(ends_ns, min(later, default=view.session.ended_ns))
@@ -443,40 +443,40 @@ def refused_before_it_moves(view: View) -> Findings:
             return
 
 
-def a_watcher_that_stands_is_noticed(view: View) -> Findings:
+def a_stalled_watcher_is_noticed(view: View) -> Findings:
     """The rig is stopped when the application or the station stands still for long while the rod moves."""
     trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
-    if any(happening.what in DISK for _, happening in view.session.happened):  # the journal could not be written
+    if any(event.what in DISK for _, event in view.session.happened):  # the journal could not be written
         trips += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
     stopping_ns = 1e9 * _still_after_s(view)
-    for at_ns, happening in view.session.happened:
-        if (happening.lasts_s or 0.0) < WATCHERS.get(happening.what, math.inf):
+    for at_ns, event in view.session.happened:
+        if (event.lasts_s or 0.0) < WATCHERS.get(event.what, math.inf):
             continue
-        ends_ns = at_ns + 1e9 * (happening.lasts_s or 0.0)
+        ends_ns = at_ns + 1e9 * (event.lasts_s or 0.0)
         rows = view.between(at_ns, ends_ns)
         moving = len(rows) and np.mean(np.abs(rows[:, 1]) > MOVING_M_S) > MOVING_SHARE
-        stopped = any(at_ns - stopping_ns < trip_ns < ends_ns + TOLD_NS for trip_ns in trips)
+        stopped = any(at_ns - stopping_ns < trip_ns < ends_ns + NOTICE_NS for trip_ns in trips)
         if moving and not view.killed and not stopped:
-            yield f"{happening}: the rod continued to move without a stop", at_ns
+            yield f"{event}: the rod continued to move without a stop", at_ns
         first = next((trip for trip in view.station("trip") if float(trip["latched_ns"]) > at_ns), None)
-        own = happening.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS
-        if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + TOLD_NS):
+        own = event.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS
+        if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + NOTICE_NS):
             yield (
-                f"{happening}: stopped for {first and first['slug']}, expected a stop because monitoring was paused"
+                f"{event}: stopped for {first and first['slug']}, expected a stop because monitoring was paused"
             ), at_ns
 
 
 STOP_CHECKS: dict[str, Callable[[View], Findings]] = {
     "refused": refused_before_it_moves,
-    "watched": a_watcher_that_stands_is_noticed,
+    "watched": a_stalled_watcher_is_noticed,
     "stays-stopped": stop_stays_stopped,
     "cause": stops_have_a_cause,
     "first-cause": first_cause_is_named,
-    "told-first": the_first_is_told_first,
+    "told-first": the_first_is_reported_first,
     "sent": a_stop_is_sent,
-    "asked": nothing_is_asked_while_stopped,
-    "foreign-noticed": a_foreign_stop_is_noticed,
-    "foreign-stop": no_start_after_a_foreign_stop,
+    "asked": nothing_is_commanded_while_stopped,
+    "foreign-noticed": a_stop_by_another_master_is_noticed,
+    "foreign-stop": no_start_after_a_stop_by_another_master,
     "noticed": a_stop_fault_is_noticed,
     "moves-on": a_fault_ends_the_motion,
     "overrun": a_program_ends,

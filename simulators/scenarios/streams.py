@@ -46,7 +46,7 @@ class Stream:
         self._capacity, self._latency_ns = (SOCKET_BYTES, WIRE_NS) if wire else (PIPE_BYTES, PIPE_NS)
         self._wire = wire
         self._reset_ns: int | None = None
-        self._reset_told = False
+        self._reset_reported = False
         self._parts: deque[tuple[int, bytes]] = deque()
         self._size = 0
         self._last_ns = 0
@@ -96,21 +96,21 @@ class Stream:
         if part:
             self._size += len(part)
             self._parts.append((self._arrives(), part))
-            self._tell(self._last_ns)
+            self._notify(self._last_ns)
         return len(part)
 
     def close(self) -> None:
         """No more will be written."""
         if not self.closed:
             self.closed = True
-            self._tell(self._arrives())
+            self._notify(self._arrives())
 
     def cut(self) -> None:
         """The writing end is gone without a farewell: what is under way arrives, then the reading end's call fails."""
         if self._reset_ns is None:
             self.closed = True
             self._reset_ns = self._arrives()
-            self._tell(self._reset_ns)
+            self._notify(self._reset_ns)
             if self.back is not None:
                 self.back.writers.wake(at_ns=self._reset_ns)
 
@@ -150,8 +150,8 @@ class Stream:
             return b"".join(taken)
         if not self.closed or self._parts or self._last_ns > now_ns:
             return None
-        if self._is_reset and not self._reset_told:
-            self._reset_told = True
+        if self._is_reset and not self._reset_reported:
+            self._reset_reported = True
             raise ConnectionResetError(errno.ECONNRESET, "Connection reset by peer")
         return b""
 
@@ -167,7 +167,7 @@ class Stream:
         self._last_ns = max(self._last_ns, self.kernel.now_ns + low + int(chance.random() * (high - low)))
         return self._last_ns
 
-    def _tell(self, at_ns: int) -> None:
+    def _notify(self, at_ns: int) -> None:
         if self.on_arrival is not None:
             self.on_arrival(at_ns)
         self.readers.wake(at_ns=at_ns)

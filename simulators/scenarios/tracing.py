@@ -27,7 +27,7 @@ class TracedDisplay(Silent):
     message = phase
 
 
-def traced(seed: int, asked: ScenarioRequest, path: Path) -> Ended:
+def traced(seed: int, request: ScenarioRequest, path: Path) -> Ended:
     """One world, every task that runs as a line: virtual time (s), process, thread.
 
     Raises:
@@ -36,9 +36,9 @@ def traced(seed: int, asked: ScenarioRequest, path: Path) -> Ended:
     refused: list[OSError] = []
     with path.open("w", encoding="utf-8") as file:
 
-        def begin(world: Scenario) -> None:
-            kernel = world.kernel
-            world.display = TracedDisplay(kernel)
+        def begin(scenario: Scenario) -> None:
+            kernel = scenario.kernel
+            scenario.display = TracedDisplay(kernel)
 
             def note(task: Task) -> None:
                 try:
@@ -49,7 +49,7 @@ def traced(seed: int, asked: ScenarioRequest, path: Path) -> Ended:
 
             kernel.trace = note
 
-        ended = alone(asked.plan(seed), asked.until_s, begin)
+        ended = alone(request.plan(seed), request.until_s, begin)
         for error in refused:
             raise OSError(error.errno, error.strerror, str(path))
     return ended

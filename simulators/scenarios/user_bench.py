@@ -73,7 +73,7 @@ class UserBench:
     Attributes:
         options: what the rig is made of; `auxiliaries` of its further channels.
         actuator: "tcp" or "rtu".
-        stood_in: what of the file a world has otherwise, in words.
+        substitutes: what of the file a world has otherwise, in words.
         tick_s: how often the devices may hand over at most (s).
         supply: what drives the coil in place of an ECU; empty: an ECU does.
         streamed: the controller has no function generator and follows set-points.
@@ -84,7 +84,7 @@ class UserBench:
     actuator: str
     emulated_ecu: EmulatedEcuFiles
     auxiliaries: tuple[SensorOptions, ...]
-    stood_in: tuple[str, ...]
+    substitutes: tuple[str, ...]
     tick_s: float
     timeout_s: float
     values: Mapping[str, Any]
@@ -113,7 +113,7 @@ class UserBench:
         quickest_s = min(bench.ecu.silent_after_s, *map(_patience_s, _sensors(bench).values()))
         return cls(
             _options(bench, matrix), link, _emulated_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
-            tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            tuple(_substitutes(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
             BY_HAND if bench.ecu.by_hand else bench.ecu.supply or "", bench.actuator.setpoints_s is not None,
             not bench.ecu.measured,
         )
@@ -204,7 +204,7 @@ def _emulated_ecu(bench: Bench) -> EmulatedEcuFiles:
     return EmulatedEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
 
 
-def _stood_in(bench: Bench) -> Iterator[str]:
+def _substitutes(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
     yield "serial lines and networks are simulated as sockets without a baud rate"
     if bench.ecu.by_hand:
@@ -223,8 +223,8 @@ def _stood_in(bench: Bench) -> Iterator[str]:
 def _patience_s(sensor: SensorConfig) -> float:
     """How long a sensor may be quiet (s): until it counts as dead; one that is asked, until it is asked again."""
     described = _format(sensor)
-    asked = not isinstance(described, str) and bool(described.exchange.request)
-    return 1.0 / sensor.rate_Hz if asked else sensor.stale_after_s
+    on_request = not isinstance(described, str) and bool(described.exchange.request)
+    return 1.0 / sensor.rate_Hz if on_request else sensor.stale_after_s
 
 
 def _format(sensor: SensorConfig) -> str | SensorFormat:
@@ -235,7 +235,7 @@ def _format(sensor: SensorConfig) -> str | SensorFormat:
     """
     given = sensor.described
     if isinstance(given, str) and given not in (FRAME16, *TABLES):
-        given = _stood_for(given)
+        given = _substitute_for(given)
     if given == FRAME16:
         return FRAME16
     if isinstance(given, str) and given not in TABLES:
@@ -247,10 +247,10 @@ def _format(sensor: SensorConfig) -> str | SensorFormat:
     return described
 
 
-def _stood_for(name: str) -> str | dict[str, Any]:
+def _substitute_for(name: str) -> str | dict[str, Any]:
     """What a simulated sensor writes for a plug-in's driver, where that says so; else the name as it is."""
-    said = plugins.simulated_as(plugins.SENSORS, name)
-    return name if said is None else said if isinstance(said, str) else dict(said)
+    simulated = plugins.simulated_as(plugins.SENSORS, name)
+    return name if simulated is None else simulated if isinstance(simulated, str) else dict(simulated)
 
 
 def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> SensorOptions:

@@ -19,7 +19,7 @@ from rig.faults.matrix import MATRIX
 from rig.matrix.model import load_matrix
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import TestPoint
-from simulators.scenarios.plan import FOREIGN, OF_THE_STATION, STALLS
+from simulators.scenarios.plan import OF_THE_STATION, OTHER_STOPS, STALLS
 from simulators.scenarios.scenario import Scenario, Session
 
 T = TypeVar("T")
@@ -62,7 +62,7 @@ def read_once(read: Callable[[Path], T], path: Path) -> T:
 
 def bench_of(view: View) -> Bench | None:
     """The bench of a scenario; None where it has none."""
-    path = view.world.root / "bench.toml"
+    path = view.scenario.root / "bench.toml"
     return read_once(Bench.load, path) if path.exists() else None
 
 
@@ -76,7 +76,7 @@ def capabilities_of(view: View) -> Capabilities | None:
 
 def points_of(view: View) -> tuple[TestPoint, ...] | None:
     """The points of a scenario's matrix; None where it has none."""
-    path = view.world.root / "matrix.toml"
+    path = view.scenario.root / "matrix.toml"
     return read_once(_points, path) if path.exists() else None
 
 
@@ -96,14 +96,14 @@ def description(path: Path) -> RecordedPoint:
 class View:
     """A session with its lines of the journal."""
 
-    def __init__(self, world: Scenario, session: Session) -> None:
-        self.world = world
+    def __init__(self, scenario: Scenario, session: Session) -> None:
+        self.scenario = scenario
         self.session = session
         self.lines = [
-            line for line in world.journal
+            line for line in scenario.journal
             if session.began_ns <= int(line.get("host_ns", 0)) <= max(session.rest_ns, session.ended_ns)
         ]
-        self.killed = any(happening.what in KILLING for _, happening in session.happened)
+        self.killed = any(event.what in KILLING for _, event in session.happened)
 
     @property
     def by_hand(self) -> bool:
@@ -114,8 +114,8 @@ class View:
     @property
     def stalled_s(self) -> float:
         """For how long the station was kept from running (s)."""
-        stalls = (happening for _, happening in self.session.happened if happening.what in OF_THE_STATION)
-        return sum(happening.lasts_s or 0.0 for happening in stalls)
+        stalls = (event for _, event in self.session.happened if event.what in OF_THE_STATION)
+        return sum(event.lasts_s or 0.0 for event in stalls)
 
     def station(self, *what: str) -> list[dict[str, Any]]:
         """Events of the station of these kinds."""
@@ -128,7 +128,7 @@ class View:
 
     def at_s(self, host_ns: float) -> float:
         """Seconds since the world began."""
-        return (host_ns - self.world.kernel.start_ns) * 1e-9
+        return (host_ns - self.scenario.kernel.start_ns) * 1e-9
 
     def faults(self) -> set[str]:
         """Rows whose fault the devices had in this session."""
@@ -153,22 +153,22 @@ class View:
     def hidden(self) -> bool:
         """Something may hide whether the rig has stopped, or keep those who see it from running."""
         return self.hidden_devices or any(
-            happening.what in KILLING or happening.what in STALLS or happening.what in FOREIGN
-            for _, happening in self.session.happened
+            event.what in KILLING or event.what in STALLS or event.what in OTHER_STOPS
+            for _, event in self.session.happened
         )
 
     @property
     def hidden_way(self) -> bool:
         """Something may be wrong with the way to the controller, or with the task on it."""
         return bool(self.hiding_places(self.faults_by_name()) & WAY) or any(
-            happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
+            event.what in KILLING or event.what in STALLS for _, event in self.session.happened
         )
 
     @property
     def hidden_pressure(self) -> bool:
         """Something may keep the station from taking the pressure away, or from seeing that it is gone."""
         return self.hidden_devices or any(
-            happening.what in {"station-killed", "power-cut", *FOREIGN} for _, happening in self.session.happened
+            event.what in {"station-killed", "power-cut", *OTHER_STOPS} for _, event in self.session.happened
         )
 
     def resetting_ns(self, after_ns: float) -> float:
@@ -224,7 +224,7 @@ class View:
         return self._begins_ns(SLIPPING, since_ns, "FAULT")
 
     def _begins_ns(self, faults: frozenset[str], since_ns: float, *codes: str) -> float:
-        tick_ns = 1e9 * self.world.plan.tick_s
+        tick_ns = 1e9 * self.scenario.plan.tick_s
         return min((
             line.host_ns - tick_ns for line in self.session.truth.log
             if line.code in codes and line.text in faults and line.host_ns >= since_ns
@@ -239,9 +239,9 @@ class View:
 
     def without_current(self, from_ns: float) -> bool:
         """From then to the session's end the current source was asked for none, and none flowed."""
-        asked = [line for line in self.session.truth.log if line.code == "SET_CURRENT"]
-        earlier = sum(line.host_ns < from_ns for line in asked)
-        if any(float(line.text.split()[0]) != 0.0 for line in asked[max(0, earlier - 1):]):
+        commands = [line for line in self.session.truth.log if line.code == "SET_CURRENT"]
+        earlier = sum(line.host_ns < from_ns for line in commands)
+        if any(float(line.text.split()[0]) != 0.0 for line in commands[max(0, earlier - 1):]):
             return False
         rows = self.between(from_ns, self.session.ended_ns)
         return not np.any(np.abs(rows[:, 2]) > NO_CURRENT_A)
@@ -252,7 +252,7 @@ class View:
 
     def lasts_s(self, fault: str) -> float:
         """For how long a fault that was drawn lasts (s); 0 where none was."""
-        lasting = (given.lasts_s for given in self.world.plan.happenings if given.what == fault)
+        lasting = (given.lasts_s for given in self.scenario.plan.events if given.what == fault)
         return max((math.inf if lasts_s is None else lasts_s for lasts_s in lasting), default=0.0)
 
     def restarted_ns(self, after_ns: float) -> float:

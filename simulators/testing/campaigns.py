@@ -17,7 +17,7 @@ from rig.cli.words import ending
 from rig.identification import identify_run
 from rig.matrix.model import load_matrix
 from rig.recording.run import Run
-from simulators.scenarios.invariants import judged
+from simulators.scenarios.invariants import violations
 from simulators.scenarios.request import NOTHING, Files, ScenarioRequest, request_for
 from simulators.scenarios.scenario import Scenario
 
@@ -109,8 +109,8 @@ class CampaignEnd:
             IdentificationFailed: no model could be fitted.
         """
         folder = self.run.path
-        wanted = load_matrix(CampaignFolder(folder).matrix).identify
-        return identify_run([folder], **wanted.model_dump(exclude={"enabled"}))
+        settings = load_matrix(CampaignFolder(folder).matrix).identify
+        return identify_run([folder], **settings.model_dump(exclude={"enabled"}))
 
 
 @dataclass(frozen=True)
@@ -165,32 +165,32 @@ def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -
         FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
         Refused: the matrix does not fit the bench.
     """
-    asked = _asked(files, faults or (NOTHING,))
-    drawn = asked.plan(seed)
-    world = Scenario(replace(drawn, tick_s=min(TICK_S, drawn.tick_s), turn_s=TURN_S, held_up=HELD_UP), root, None, 1)
-    world.run()
-    if world.not_happened:
-        late = ", ".join(map(str, world.not_happened))
+    request = _request(files, faults or (NOTHING,))
+    drawn = request.plan(seed)
+    scenario = Scenario(replace(drawn, tick_s=min(TICK_S, drawn.tick_s), turn_s=TURN_S, held_up=HELD_UP), root, None, 1)
+    scenario.run()
+    if scenario.not_happened:
+        late = ", ".join(map(str, scenario.not_happened))
         raise EventNotReached(f"{late}: the campaign had already ended. Fix: use an earlier time or a longer matrix")
-    if world.ended:
-        raise EventNotReached(f"the scenario ended before its campaign ended: {world.ended}")
-    session = world.sessions[0]
+    if scenario.ended:
+        raise EventNotReached(f"the scenario ended before its campaign ended: {scenario.ended}")
+    session = scenario.sessions[0]
     answer = session.answer
-    told, slug = session.refusal[1], session.refusal[0]
+    message, slug = session.refusal[1], session.refusal[0]
     if answer is not None:
-        told, slug = "\n".join(text for _, text in ending(answer)), answer.stopped_by or ""
+        message, slug = "\n".join(text for _, text in ending(answer)), answer.stopped_by or ""
     return CampaignEnd(
-        int(session.exit_code or 0), slug, told, {} if answer is None else answer.to_json(), world.folder,
-        world.stage.at_rest, _truth(world),
+        int(session.exit_code or 0), slug, message, {} if answer is None else answer.to_json(), scenario.folder,
+        scenario.stage.at_rest, _truth(scenario),
     )  # fmt: skip
 
 
-def run_scenario(files: Files, happenings: tuple[str, ...], seed: int, root: Path) -> ScenarioEnd:
+def run_scenario(files: Files, events: tuple[str, ...], seed: int, root: Path) -> ScenarioEnd:
     """Run the world of a seed to its end, resumed as often as it takes, and judge what must hold in every world.
 
     Args:
         files: matrix and bench; what is None the seed draws, or is the usual rig.
-        happenings: in place of what the seed draws; none: drawn.
+        events: in place of what the seed draws; none: drawn.
         seed: the world's.
         root: an empty folder.
 
@@ -199,24 +199,24 @@ def run_scenario(files: Files, happenings: tuple[str, ...], seed: int, root: Pat
         FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
         Refused: the matrix does not fit the bench.
     """
-    asked = _asked(files, happenings)
-    plan = asked.plan(seed)
-    world = Scenario(plan, root)
-    world.run()
-    failed = tuple((name, words.replace(f"{root}/", ""), at_s) for name, words, at_s in judged(world))
-    codes = tuple(session.exit_code for session in world.sessions)
-    return ScenarioEnd(seed, failed, tuple(map(str, plan.happenings)), codes, asked.again(seed))
+    request = _request(files, events)
+    plan = request.plan(seed)
+    scenario = Scenario(plan, root)
+    scenario.run()
+    failed = tuple((name, words.replace(f"{root}/", ""), at_s) for name, words, at_s in violations(scenario))
+    codes = tuple(session.exit_code for session in scenario.sessions)
+    return ScenarioEnd(seed, failed, tuple(map(str, plan.events)), codes, request.again(seed))
 
 
-def _asked(files: Files, happenings: tuple[str, ...]) -> ScenarioRequest:
+def _request(files: Files, events: tuple[str, ...]) -> ScenarioRequest:
     try:
-        return request_for(files, happenings, None)
+        return request_for(files, events, None)
     except click.BadParameter as error:
         raise EventNotReached(error.message) from error
 
 
-def _truth(world: Scenario) -> Truth:
-    truth = world.sessions[0].truth
+def _truth(scenario: Scenario) -> Truth:
+    truth = scenario.sessions[0].truth
     host_ns, velocity, current, displacement, force, pressure, coil = truth.arrays.T
     began_ns = float(host_ns[0]) if len(host_ns) else 0.0
     log = tuple(((note.host_ns - began_ns) * 1e-9, note.code, note.text) for note in truth.log)

@@ -68,9 +68,9 @@ def pytest_configure(config: pytest.Config) -> None:
     """Refuse unknown names before anything is collected."""
     if hasattr(config.option, "rig_driver"):
         # loads pyserial: only when needed
-        from rig.conformance.choice import wanted_files
+        from rig.conformance.choice import chosen_files
 
-        wanted_files(config)
+        chosen_files(config)
 
 
 def _file(config: pytest.Config, name: str) -> Path | None:

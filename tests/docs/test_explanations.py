@@ -16,12 +16,12 @@ from in_process import rig
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import make_manual_source
 from drivers.devices.ecu_missing import WITHOUT
-from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
+from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_missing
 from drivers.devices.supply_file import supply
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.identification.diagnosis.ranking import STATEMENTS
-from rig.recording.foreign_tests import DOUBTS
+from rig.recording.external_tests import DOUBTS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
 from rig.recording.quality.quality_checks import VERDICT_REMARKS
 from rig.study.printed_values import SENSITIVITY as PRINTED_SENSITIVITY
@@ -32,10 +32,10 @@ CAUSES = [statement.slug for statement in STATEMENTS]
 """Of a misfit, as report and `rig identify --json` show them."""
 ROOT = Path(__file__).resolve().parents[2]
 SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
-SAID_BY = {
+REPORTED_BY = {
     "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
-    "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved", "tell", "Cause", "Trial", "Doubt",
-    "_certain", "Saying", "_refused", "ConversionEnded", "Claim",
+    "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved", "warn", "Cause", "Trial", "Doubt",
+    "_certain", "Remark", "_refused", "ConversionEnded", "Claim",
 }
 """Calls whose first argument is a slug."""
 FUNCTIONS = {"failed", "warning", "note"}
@@ -77,7 +77,7 @@ def is_slug_name(name: str) -> bool:
 def slugs_of_call(node: ast.Call) -> Iterator[str]:
     yield from second_arguments(node)
     name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-    if node.args and (name in SAID_BY or (name in FUNCTIONS and isinstance(node.func, ast.Name))):
+    if node.args and (name in REPORTED_BY or (name in FUNCTIONS and isinstance(node.func, ast.Name))):
         yield from texts_in(node.args[0]) if isinstance(node.args[0], (ast.Constant, ast.IfExp)) else ()
     for keyword in node.keywords:
         if is_slug_name(keyword.arg or ""):
@@ -119,24 +119,24 @@ def known() -> dict[str, str]:
     nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False, tried=False)
     echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
     output = supply(tomllib.loads(WRITTEN_ONLY))
-    lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
+    missing = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {
         **in_code(),
         **dict.fromkeys(CAUSES, "rig/identification/diagnosis"),
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
-        **dict.fromkeys(DOUBTS, "rig/recording/foreign_tests.py"),
+        **dict.fromkeys(DOUBTS, "rig/recording/external_tests.py"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
-        **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
+        **{f"actuator-without-{name}": "drivers/capabilities.py" for name in missing},
         **{f"ecu-without-{name}": "drivers/manual_current.py" for name, _ in make_manual_source(None).lacking},
-        **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
-        **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(output)},
+        **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_missing(BARE)},
+        **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_missing(output)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_missing.py" for name in WITHOUT},
         **dict.fromkeys(("lease-taken", "not-running"), "rig/page/lease.py: take"),
         **dict.fromkeys(("not-recorded", "still-running"), "rig/page/server.py: _send_recorded"),
         **{f"sensitivity-{name}": "rig/study/findings.py: _sensitivity" for name in PRINTED_SENSITIVITY},
         **dict.fromkeys((*AROUND, *LASTING_VARIANTS, *PASSING_VARIANTS), "simulators: events and variants"),
         "hydraulics": "rig/station/requests.py: await_status",
-        "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
+        "amplitude-scatter": "rig/recording/quality/verdict_rules.py", "force-scatter": "the same",
     }
 
 

@@ -107,12 +107,12 @@ def test_every_path_is_that_of_a_file(path: Path) -> None:
 @pytest.mark.parametrize("path", REFERENCE, ids=page)
 def test_every_import_in_an_example_works(path: Path) -> None:
     trials = {name.removesuffix(".py").replace("/", ".") for name in TRIALS}
-    wanted = [
+    expected = [
         f"{module}.{name.strip()}"
         for module, names in IMPORT.findall(path.read_text(encoding="utf-8")) if module not in trials
         for name in names.split(",")
     ]
-    assert [name for name in wanted if not resolves(name)] == []
+    assert [name for name in expected if not resolves(name)] == []
 
 
 def test_a_wrong_name_is_noticed() -> None:

@@ -30,7 +30,7 @@ def run(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> NotebookNod
     return book
 
 
-def told(book: NotebookNode) -> str:
+def output_of(book: NotebookNode) -> str:
     """All that its cells printed and showed, as text."""
     outputs = [output for cell in book.cells for output in cell.get("outputs", ())]
     return "\n".join(output.get("text") or output["data"]["text/plain"] for output in outputs)
@@ -42,7 +42,7 @@ def pictures(book: NotebookNode) -> int:
 
 def test_the_notebook_of_imported_files_finds_the_damper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("from-files-to-a-model", tmp_path, monkeypatch)
-    text = told(book)
+    text = output_of(book)
     row = next(line for line in text.split("\n") if line.startswith("Fyb") and "238.0" in line)
     _, value, low, high, truth = row.split()
     assert float(low) < float(truth) < float(high)
@@ -55,8 +55,8 @@ def test_the_notebook_of_two_campaigns_does_not_accept_the_worn_damper(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     book = run("before-and-after", tmp_path, monkeypatch)
-    assert "not accepted" in told(book)
-    assert told(book).count("fail") == 2
+    assert "not accepted" in output_of(book)
+    assert output_of(book).count("fail") == 2
     assert pictures(book) == 1
     assert (tmp_path / "comparison.html").stat().st_size > 10_000
     assert {path.name for path in tmp_path.iterdir()} - {"ipython"} == {

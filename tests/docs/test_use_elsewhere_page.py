@@ -21,7 +21,7 @@ from rig.errors import RigError
 from rig.export import export
 
 PAGES = Path(__file__).parents[2] / "docs" / "how-to"
-TOLD = {"low": None, "high": None, "standard_error": None, "identifiable": True}
+NOT_STATED = {"low": None, "high": None, "standard_error": None, "identifiable": True}
 DT_S = 1e-3
 T = np.arange(400) * DT_S
 OMEGA = 2.0 * np.pi * 5.0
@@ -37,7 +37,7 @@ def exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     """All files of a fit in the working directory; the model's own force along U, V, A at 1 A."""
     damper = model("asymmetric")
     values = dict(damper.demonstration)
-    parameters = {name: TOLD | {"value": value} for name, value in values.items()}
+    parameters = {name: NOT_STATED | {"value": value} for name, value in values.items()}
     tested = {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.5, 0.5], "current_A": [0.0, 2.0]}
     (tmp_path / "fit.json").write_text(json.dumps(
         {"model": "asymmetric", "hysteresis": "kwok", "parameters": parameters, "tested": tested}))  # fmt: skip
@@ -83,8 +83,8 @@ def test_the_c_recipe_compiles_and_gives_the_models_force(exported: np.ndarray) 
                f'{body}\nprintf("%.17g", force); return 0; }}\n')  # fmt: skip
     Path("main.c").write_text(program)
     subprocess.run([needs("gcc"), "main.c", "damper_asymmetric.c", "-lm", "-o", "main"], check=True, timeout=60)
-    told = subprocess.run(["./main"], capture_output=True, text=True, check=True, timeout=60).stdout
-    assert float(told) == pytest.approx(exported[1], rel=1e-9)
+    reported = subprocess.run(["./main"], capture_output=True, text=True, check=True, timeout=60).stdout
+    assert float(reported) == pytest.approx(exported[1], rel=1e-9)
 
 
 LONG_S = np.arange(1500) * 4e-3

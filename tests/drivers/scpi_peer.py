@@ -41,9 +41,9 @@ class ScpiPeer:
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
-    def wait_for(self, wanted, timeout_s: float = 5.0) -> bool:  # noqa: ANN001 - a test's condition on the lines
+    def wait_for(self, condition, timeout_s: float = 5.0) -> bool:  # noqa: ANN001 - a test's condition on the lines
         with self._changed:
-            return self._changed.wait_for(lambda: wanted(self.lines), timeout_s)
+            return self._changed.wait_for(lambda: condition(self.lines), timeout_s)
 
     @property
     def flows_A(self) -> float:

@@ -36,10 +36,10 @@ class SlcanDevice:
         """Send one standard frame to the host."""
         self.send(b"t%03X%d%s\r" % (identifier, len(data), data.hex().encode()))
 
-    def wait_for(self, wanted, timeout_s: float = 5.0) -> bool:  # noqa: ANN001 - a test's condition on the lines
+    def wait_for(self, condition, timeout_s: float = 5.0) -> bool:  # noqa: ANN001 - a test's condition on the lines
         """Wait until the host has sent what is wanted."""
         with self._changed:
-            return self._changed.wait_for(lambda: wanted(self.lines), timeout_s)
+            return self._changed.wait_for(lambda: condition(self.lines), timeout_s)
 
     def pull(self) -> None:
         """Unplug the adapter; harmless when the host has left already."""

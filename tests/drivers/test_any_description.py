@@ -166,9 +166,9 @@ FED = (
     ],
 )  # fmt: skip
 def test_a_map_that_could_not_be_driven_is_refused(given: dict[str, str], says: str) -> None:
-    with pytest.raises(FileProblem) as told:
+    with pytest.raises(FileProblem) as caught:
         read(**given)
-    assert says in str(told.value)
+    assert says in str(caught.value)
 
 
 def test_a_span_of_anything_but_two_names_is_refused() -> None:
@@ -278,8 +278,8 @@ def test_a_clock_of_64_bits_may_show_anything() -> None:
 )
 def test_roles_that_cannot_be_used_are_refused(roles: str, says: str) -> None:
     table = tomllib.loads(roles)
-    told: list[Any] = problems_of("ecu-roles", table) or list(source_problems(DbcText("mine.dbc", DBC), table))
-    assert any(says in problem[1] for problem in told), told
+    problems: list[Any] = problems_of("ecu-roles", table) or list(source_problems(DbcText("mine.dbc", DBC), table))
+    assert any(says in problem[1] for problem in problems), problems
 
 
 @pytest.mark.parametrize(

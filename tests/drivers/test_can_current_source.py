@@ -143,7 +143,7 @@ def test_remote_extended_short_and_garbled_frames_are_malformed(
     assert ecu.counters.statuses == 1
 
 
-def test_a_foreign_sender_of_our_command_is_seen(device: SlcanDevice, ecu: CanCurrentSource) -> None:
+def test_a_other_sender_of_our_command_is_seen(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     device.frame(0x120, bytes(8))
     device.frame(0x7FF, b"\x01")
     device.send(b"\a")
@@ -199,7 +199,7 @@ def test_after_closing_no_command_goes_out(device: SlcanDevice, ecu: CanCurrentS
         ecu.send_now()
 
 
-def test_a_pulled_adapter_is_told_and_ends_the_command_thread(device: SlcanDevice, ecu: CanCurrentSource) -> None:
+def test_a_pulled_adapter_is_reported_and_ends_the_command_thread(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.start(0.001)
     device.pull()
     with pytest.raises(PortClosed, match="ecu at socket://"):
@@ -211,7 +211,7 @@ def test_a_pulled_adapter_is_told_and_ends_the_command_thread(device: SlcanDevic
 
 
 @pytest.mark.parametrize(("layout", "problem"), [(1, ""), (2, "frame layout 2, expected 1")])
-def test_an_identity_of_another_layout_is_told(
+def test_an_identity_of_another_layout_is_reported(
     device: SlcanDevice, ecu: CanCurrentSource, layout: int, problem: str
 ) -> None:
     assert (ecu.identity, ecu.identity_problem) == (None, "")
@@ -286,7 +286,7 @@ def test_a_current_that_is_no_number_is_no_status_and_is_named() -> None:
     found = []
     for place in range(3):
         assert not checks.measured(float("nan"))
-        found += bus.judge(counters, place)
+        found += bus.check(counters, place)
     assert [(one.slug, one.warns) for one in found] == [
         ("current-unmeasured", True), ("current-unmeasured", True), ("current-unmeasured", False)
     ]

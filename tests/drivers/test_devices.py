@@ -55,7 +55,7 @@ def test_the_demo_devices_have_the_rigs_own_codes() -> None:
     assert slugs(SourceFault) == {name: 1 << bit for name, bit in ecu["faults"].items() if name != "signal"}
 
 
-def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known() -> None:
+def test_a_name_that_is_unknown_is_refused_with_those_that_are_known() -> None:
     with pytest.raises(UnknownDevice, match=r"unknown \w+ 'mine'; known: .*demo"):
         make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1"))
     with pytest.raises(UnknownDevice, match=r"unknown \w+ 'mine'; known: .*demo"):
@@ -78,13 +78,13 @@ def test_an_actuator_with_a_driver_of_its_own_comes_through_the_same_door(monkey
 
 def test_a_sensor_with_a_driver_of_its_own_comes_through_the_same_door(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.catalogue._SENSORS", {})
-    asked = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, "polled", SampleScale())
+    requested = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, "polled", SampleScale())
     with pytest.raises(LocalProtocolError, match="unknown line format 'polled'"):
-        make_sensor(asked)
-    made = make_sensor(replace(asked, format="frame16"))
+        make_sensor(requested)
+    made = make_sensor(replace(requested, format="frame16"))
     register_sensor("polled", lambda connection: made)
     assert "polled" in sensor_format_names()
-    assert make_sensor(asked) is made
+    assert make_sensor(requested) is made
 
 
 def test_an_ascii_sensor_is_a_description_in_the_bench_file() -> None:
@@ -93,7 +93,7 @@ def test_an_ascii_sensor_is_a_description_in_the_bench_file() -> None:
     assert make_sensor(given).bad_frames == 0
 
 
-def test_what_a_device_cannot_do_is_said_and_one_that_nothing_stops_is_known() -> None:
+def test_what_a_device_cannot_do_is_reported_and_one_that_nothing_stops_is_known() -> None:
     assert controller("demo").capabilities.lacking() == ()
     little = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=True)
     assert {"watchdog", "lease", "generator"} <= {name for name, _ in little.lacking()}

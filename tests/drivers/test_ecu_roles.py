@@ -100,16 +100,16 @@ def test_the_smallest_roles_file_says_what_is_left_without_the_rest() -> None:
     made = describe("driver", parse_dbc(DBC), {
         "command": "DriverCommand.Target", "measured_current": "DriverStatus.Actual",
     })  # fmt: skip
-    lacking = dict(made.lacking)
-    assert {"timeout", "faults", "enable", "counter", "checksum", "coil-temperature", "identity"} <= lacking.keys()
-    assert "continues to flow until the supply is switched off" in lacking["timeout"]
+    missing = dict(made.lacking)
+    assert {"timeout", "faults", "enable", "counter", "checksum", "coil-temperature", "identity"} <= missing.keys()
+    assert "continues to flow until the supply is switched off" in missing["timeout"]
     assert made.timing == (0.005, 0.0, 0.0)
 
 
 def test_a_share_of_full_scale_and_units_of_ones_own() -> None:
     percent = DBC.replace('Target : 23|16@0- (0.25,0) [-5000|5000] "mA"', 'Target : 23|16@0+ (0.1,0) [0|100] "%"')
-    said = refused(ROLES, percent)
-    assert 'command.full_scale: is missing; the unit of the signal is %. Fix' in said
+    message = refused(ROLES, percent)
+    assert 'command.full_scale: is missing; the unit of the signal is %. Fix' in message
     with_scale = ROLES.replace('"DriverCommand.Target"', '{signal = "DriverCommand.Target", full_scale = "4 A"}')
     assert problems_of("ecu-roles", tomllib.loads(with_scale)) == []
     made = described(with_scale, percent)
@@ -146,7 +146,7 @@ SIG_VALTYPE_ 17 Amps : 1;
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ('command = "DriverCommand.Target"', "", "command: missing"),
         ("DriverStatus.Actual", "DriverState.Actual", "no message 'DriverState'; nearest: DriverStatus"),
@@ -173,13 +173,13 @@ SIG_VALTYPE_ 17 Amps : 1;
         ("command_timeout", 'sending = "on-change"\ncommand_timeout', "Fix: use cyclic transmission"),
     ],
 )
-def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str, said: str) -> None:
+def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str, message: str) -> None:
     assert old in ROLES
-    assert said in refused(ROLES.replace(old, new, 1))
+    assert message in refused(ROLES.replace(old, new, 1))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("(0.25,0) [-5000|5000]", "(0,0) [-5000|5000]", "its scale is 0; the scale must be finite and not 0"),
         ("@0- (0.25,0) [-5000|5000]", "@0+ (0.25,500) [0|0]", "cannot represent 0 A"),
@@ -190,12 +190,12 @@ def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str
         ('"mA" Host', '"Nm" Host', "Actual is in 'Nm'; allowed: A, mA"),
     ],
 )
-def test_a_dbc_that_the_roles_cannot_use_is_refused_by_place(old: str, new: str, said: str) -> None:
+def test_a_dbc_that_the_roles_cannot_use_is_refused_by_place(old: str, new: str, message: str) -> None:
     assert old in DBC
-    assert said in refused(ROLES, DBC.replace(old, new))
+    assert message in refused(ROLES, DBC.replace(old, new))
 
 
-def test_every_problem_is_told_at_once_with_file_line_and_entry(tmp_path: Path) -> None:
+def test_every_problem_is_reported_at_once_with_file_line_and_entry(tmp_path: Path) -> None:
     (tmp_path / "ecu.dbc").write_text(DBC.replace("(0.25,0) [-8000", "(0,0) [-8000"), encoding="utf-8")
     path = tmp_path / "roles.toml"
     path.write_text(ROLES.replace("0x2A2", '"x"').replace("open = 0", "opn = 0"), encoding="utf-8")
@@ -204,14 +204,14 @@ def test_every_problem_is_told_at_once_with_file_line_and_entry(tmp_path: Path) 
     ]  # fmt: skip
     roles = ROLES.replace("CoilTemp", "CoilTmp").replace("open = 0", "open = 16").replace("0x2A2", "0x12A2F")
     path.write_text(roles, encoding="utf-8")
-    told = ecu_problems(str(tmp_path / "ecu.dbc"), str(path))
-    assert {place for place, _ in told} == {("roles",)}
+    problems = ecu_problems(str(tmp_path / "ecu.dbc"), str(path))
+    assert {place for place, _ in problems} == {("roles",)}
     wrong = ("Tmp", "0x12A2F", "open = 16")
     lines = {number for number, line in enumerate(roles.splitlines(), 1) if any(item in line for item in wrong)}
-    text = "\n".join(said for _, said in told)
+    text = "\n".join(message for _, message in problems)
     assert all(f"roles.toml: line {number}: " in text for number in lines)
     assert "(line 21 of the DBC file): its scale is 0" in text
-    assert len(told) == 4
+    assert len(problems) == 4
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -219,10 +219,10 @@ def test_files_that_are_none_of_that_kind_are_refused(tmp_path: Path) -> None:
     (tmp_path / "ecu.dbc").write_text("hello", encoding="utf-8")
     (tmp_path / "roles.toml").write_text("a = = 1", encoding="utf-8")
     dbc, roles = str(tmp_path / "ecu.dbc"), str(tmp_path / "roles.toml")
-    ((_, said),) = entry_problems("ecu-roles", roles)
-    assert "not valid TOML" in said
-    ((place, said),) = ecu_problems(dbc, {"command": "A.b", "measured_current": "A.c"})
-    assert (place, "not a readable DBC file" in said) == (("dbc",), True)
+    ((_, message),) = entry_problems("ecu-roles", roles)
+    assert "not valid TOML" in message
+    ((place, message),) = ecu_problems(dbc, {"command": "A.b", "measured_current": "A.c"})
+    assert (place, "not a readable DBC file" in message) == (("dbc",), True)
     with pytest.raises(FileProblem, match="there is no such file"):
         dbc_text(tmp_path / "no.dbc")
 

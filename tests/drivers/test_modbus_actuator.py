@@ -155,7 +155,7 @@ def test_a_command_survives_a_reset_connection(device: ModbusDevice, actuator: M
     assert device.executed == [Command.ACQUIRE, Command.FADE_STOP]
 
 
-def test_a_command_that_never_gets_through_is_told_and_its_number_is_not_used_again(
+def test_a_command_that_never_gets_through_is_reported_and_its_number_is_not_used_again(
     device: ModbusDevice, actuator: ModbusActuator
 ) -> None:
     first = actuator.send(Command.ACQUIRE)
@@ -201,7 +201,7 @@ def test_a_late_answer_is_never_taken_for_the_next_one(device: ModbusDevice, act
     assert actuator.read_status().state == 3
 
 
-def test_a_silent_controller_is_told_in_time_and_closed_at_the_second_time_out(
+def test_a_silent_controller_is_reported_in_time_and_closed_at_the_second_time_out(
     device: ModbusDevice, actuator: ModbusActuator
 ) -> None:
     device.faults = [silence, silence]
@@ -221,7 +221,7 @@ def test_one_lost_answer_is_read_again(device: ModbusDevice, actuator: ModbusAct
     assert actuator.is_open
 
 
-def test_a_busy_controller_is_asked_again_and_then_given_up(device: ModbusDevice, actuator: ModbusActuator) -> None:
+def test_a_busy_controller_is_queried_again_and_then_given_up(device: ModbusDevice, actuator: ModbusActuator) -> None:
     device.faults = [exception(6), exception(6)]
     assert actuator.read_status().state == 0
     device.faults = [exception(6)] * 10

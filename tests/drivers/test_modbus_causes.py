@@ -123,7 +123,7 @@ EXCEPTION_2 = b"\x83\x02"
 
 
 @pytest.mark.parametrize(
-    ("holes", "refused", "said", "fix"),
+    ("holes", "refused", "message", "fix"),
     [
         ({103, 104}, EXCEPTION_2, "registers 40101 to 40108", "unreadable = [[40103, 40107]]"),
         ({105}, b"\x83\x04", "40103 to 40107, the registers between them", "largest_gap = 0"),
@@ -133,18 +133,18 @@ EXCEPTION_2 = b"\x83\x02"
     ],
 )
 def test_a_hole_in_the_status_block_is_the_map_and_not_the_cable(
-    holes: set[int], refused: bytes | None, said: str, fix: str, peer: Callable[..., Peer]
+    holes: set[int], refused: bytes | None, message: str, fix: str, peer: Callable[..., Peer]
 ) -> None:
     error = refusal(with_holes(holes, refused), peer, TEXT.replace("force_2 = {address = 40109}\n", ""))
     assert isinstance(error, WrongLayout)
     assert slug_of(error) == "register-layout"
-    assert said in error.message
+    assert message in error.message
     assert "position" in error.message
     assert fix in error.fix
     assert fix in with_fix(error)
 
 
-def test_a_block_that_is_too_long_at_once_is_said_so(peer: Callable[..., Peer]) -> None:
+def test_a_block_that_is_too_long_at_once_is_reported(peer: Callable[..., Peer]) -> None:
     text = TEXT.replace("40108", "40103").replace("40109", "40104")
     error = refusal(with_holes(set(), b"\x83\x03", longest=1), peer, text)
     assert slug_of(error) == "register-layout"
@@ -190,17 +190,17 @@ def test_the_answer_to_a_write_is_no_echo(function: int, words: list[int], peer:
 
 @pytest.mark.parametrize("rtu", [False, True])
 @pytest.mark.parametrize(
-    ("function", "words", "said"),
+    ("function", "words", "message"),
     [(5, [1], "wrote 1 to coil 11, but the answer states 0"), (6, [7], "wrote 7 to register 11, but the answer "
         "states 9")],
 )
 def test_an_answer_with_another_value_is_a_value_that_was_not_taken(
-    rtu: bool, function: int, words: list[int], said: str, peer: Callable[..., Peer]
+    rtu: bool, function: int, words: list[int], message: str, peer: Callable[..., Peer]
 ) -> None:
     other = {5: b"\x00\x00", 6: b"\x00\x09"}[function]
     link = ModbusLink(peer(lambda pdu: pdu[:3] + other, rtu=rtu).url, timeout_s=0.2)
     link.open()
-    with pytest.raises(OtherAnswer, match=said) as raised:
+    with pytest.raises(OtherAnswer, match=message) as raised:
         link.write(11, words, function)
     link.close()
     kind = LinkKind.MODBUS_RTU if rtu else LinkKind.MODBUS_TCP

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers.current_source import SourceFault, SourceState, SourceStatus
-from drivers.devices.supply import SupplyConnection, supply_lacks
+from drivers.devices.supply import SupplyConnection, supply_missing
 from drivers.devices.supply_file import supply
 from drivers.errors import DriverError
 from drivers.modbus_output import ModbusOutput
@@ -52,7 +52,7 @@ class Module:
         self.gain = 1.0
         self.mute = False
         self.refuses: set[int] = set()
-        self.asked: list[str] = []
+        self.requests: list[str] = []
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.url = f"modbus-tcp://127.0.0.1:{self._listener.getsockname()[1]}"
         threading.Thread(target=self._serve, daemon=True).start()
@@ -62,7 +62,7 @@ class Module:
 
     @property
     def written(self) -> list[str]:
-        return [request for request in self.asked if request[:2] in {"05", "10", "06"}]
+        return [request for request in self.requests if request[:2] in {"05", "10", "06"}]
 
     def _serve(self) -> None:
         while True:
@@ -76,7 +76,7 @@ class Module:
         with connection:
             while (head := connection.recv(7)) and len(head) == 7:
                 request = connection.recv(struct.unpack(">H", head[4:6])[0] - 1)
-                self.asked.append(request.hex())
+                self.requests.append(request.hex())
                 if not self.mute:
                     answer = self._answer(request)
                     connection.sendall(head[:4] + struct.pack(">H", len(answer) + 1) + head[6:] + answer)
@@ -191,7 +191,7 @@ def test_a_module_that_lost_its_value_and_a_coil_without_current_are_faults(modu
     source.close()
 
 
-def test_silence_gives_no_status_and_what_was_asked_for_is_written_again(module: Module, source: ModbusOutput) -> None:
+def test_silence_gives_no_status_and_what_was_requested_is_written_again(module: Module, source: ModbusOutput) -> None:
     run(source, 1.0)
     module.mute = True
     assert not source.read_batch(0.3).statuses
@@ -199,7 +199,7 @@ def test_silence_gives_no_status_and_what_was_asked_for_is_written_again(module:
     read_until(source, lambda status: status.current_A == pytest.approx(1.0))
 
 
-def test_a_module_that_comes_back_after_it_was_given_up_is_told_zero(module: Module, source: ModbusOutput) -> None:
+def test_a_module_that_comes_back_after_it_was_given_up_is_set_to_zero(module: Module, source: ModbusOutput) -> None:
     run(source, 1.0)
     module.mute = True
     source.read_batch(0.01)
@@ -218,7 +218,7 @@ def test_a_module_that_comes_back_after_it_was_given_up_is_told_zero(module: Mod
     assert not module.coil
 
 
-def test_a_write_that_is_refused_is_a_fault_and_a_map_that_is_not_there_is_said(module: Module) -> None:
+def test_a_write_that_is_refused_is_a_fault_and_a_map_that_is_not_there_is_reported(module: Module) -> None:
     module.refuses = {3}
     source = driver(module)
     source.start(0.01)
@@ -231,7 +231,7 @@ def test_a_write_that_is_refused_is_a_fault_and_a_map_that_is_not_there_is_said(
     source.close()
 
 
-def test_a_zero_that_is_refused_is_not_told_where_nothing_can_be_read_back(module: Module) -> None:
+def test_a_zero_that_is_refused_is_not_reported_where_nothing_can_be_read_back(module: Module) -> None:
     text = """
     [range]
     current_A = [0, 2]
@@ -270,7 +270,9 @@ def test_another_module_is_known_by_what_it_shows(module: Module) -> None:
     source.close()
 
 
-def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missing_is_said(module: Module) -> None:
+def test_without_a_measurement_the_value_read_back_is_reported_and_all_that_is_missing_is_reported(
+    module: Module,
+) -> None:
     text = """
     [range]
     current_A = [0, 2]
@@ -281,9 +283,9 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
     assert run(source, 0.5).current_A == 0.5
     assert not source.traits.measures
     assert source.traits.own_timeout_s is None
-    said = dict(supply_lacks(supply(tomllib.loads(text))))
-    assert {"timeout", "measurement", "enable", "faults", "identity", "coil-temperature"} == said.keys()
-    assert "keeps its value" in said["timeout"]
+    message = dict(supply_missing(supply(tomllib.loads(text))))
+    assert {"timeout", "measurement", "enable", "faults", "identity", "coil-temperature"} == message.keys()
+    assert "keeps its value" in message["timeout"]
     source.close()
 
 
@@ -305,7 +307,7 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
         ("[watchdog]", "[watchdg]", "watchdg", "did you mean watchdog"),
     ],
 )
-def test_what_is_wrong_in_its_file_is_told_with_its_place(before: str, after: str, place: str, says: str) -> None:
+def test_what_is_wrong_in_its_file_is_reported_with_its_place(before: str, after: str, place: str, says: str) -> None:
     problems = problems_of("supply", tomllib.loads(FILE.replace(before, after)))
     assert any(".".join(map(str, where)) == place and says in text for where, text in problems), problems
 

@@ -154,7 +154,7 @@ def test_a_write_is_never_sent_again_by_itself(device: RtuDevice, link: ModbusLi
     assert len(device.requests) == 1
 
 
-def test_a_silent_line_is_told_and_closed_at_the_second_time_out(device: RtuDevice, link: ModbusLink) -> None:
+def test_a_silent_line_is_reported_and_closed_at_the_second_time_out(device: RtuDevice, link: ModbusLink) -> None:
     device.faults = [never, never]
     with pytest.raises(NoAnswer, match="no answer within 80 ms"):
         link.read(100, 2)

@@ -61,8 +61,8 @@ def test_the_statement_gives_the_value_that_is_decoded(
 def test_an_ecu_states_its_signals_and_an_operator_that_nothing_is_measured() -> None:
     ecu = CanCurrentSource(CanPort(CanAddress("virtual", "origins", 500_000), device="ecu"), current_source("demo"))  # type: ignore[arg-type]  # the demo is an ECU
     assert origins_of(ecu)[Channel.COIL_CURRENT].from_wire == "value = 0.001 * int16 CoilStatus.Current"
-    told = origins_of(ManualCurrentSource())[Channel.COIL_CURRENT]
-    assert (told.source, "not measured" in told.long_name) == ("operator", True)
+    reported = origins_of(ManualCurrentSource())[Channel.COIL_CURRENT]
+    assert (reported.source, "not measured" in reported.long_name) == ("operator", True)
     assert origins_of(object()) == {}
 
 

@@ -28,50 +28,50 @@ def poll(rate_Hz: float = 100.0, device_rate: float = 1.0) -> Poll:
 
 
 def test_a_request_goes_out_once_a_period_and_its_time_is_the_reading_s() -> None:
-    asked = poll()
-    assert asked.due(1000 * MS) == REQUEST
-    assert asked.due(1005 * MS) == b""
-    assert asked.feed(b"+012\r") == [(1, 1_000_000, 12.0, 0, 0)]
-    assert asked.due(1009 * MS) == b""
-    assert asked.due(1010 * MS) == REQUEST
-    assert asked.feed(b"-003\r")[0][:3] == (2, 1_010_000, -3.0)
+    sensor = poll()
+    assert sensor.due(1000 * MS) == REQUEST
+    assert sensor.due(1005 * MS) == b""
+    assert sensor.feed(b"+012\r") == [(1, 1_000_000, 12.0, 0, 0)]
+    assert sensor.due(1009 * MS) == b""
+    assert sensor.due(1010 * MS) == REQUEST
+    assert sensor.feed(b"-003\r")[0][:3] == (2, 1_010_000, -3.0)
 
 
-def test_periods_in_which_nobody_asked_are_missing_numbers() -> None:
-    asked = poll()
-    asked.due(1000 * MS)
-    asked.feed(b"+001\r")
-    assert asked.due(1035 * MS) == REQUEST
-    assert asked.feed(b"+002\r")[0][0] == 4
+def test_periods_in_which_nobody_requested_are_missing_numbers() -> None:
+    sensor = poll()
+    sensor.due(1000 * MS)
+    sensor.feed(b"+001\r")
+    assert sensor.due(1035 * MS) == REQUEST
+    assert sensor.feed(b"+002\r")[0][0] == 4
 
 
 def test_an_answer_that_is_late_is_never_taken_for_the_next_one() -> None:
-    asked = poll()
-    asked.due(1000 * MS)
-    assert not asked.given_up(1050 * MS)
-    assert asked.given_up(1051 * MS)
-    assert asked.due(1060 * MS) == b""
-    assert asked.feed(b"+111\r") == []
-    assert asked.bad_frames == 1
-    assert asked.due(1101 * MS) == REQUEST
-    number, _, value, _, _ = asked.feed(b"+222\r")[0]
+    sensor = poll()
+    sensor.due(1000 * MS)
+    assert not sensor.given_up(1050 * MS)
+    assert sensor.given_up(1051 * MS)
+    assert sensor.due(1060 * MS) == b""
+    assert sensor.feed(b"+111\r") == []
+    assert sensor.bad_frames == 1
+    assert sensor.due(1101 * MS) == REQUEST
+    number, _, value, _, _ = sensor.feed(b"+222\r")[0]
     assert (number, value) == (2, 222.0)
 
 
 def test_a_damaged_answer_costs_its_own_request() -> None:
-    asked = poll()
-    asked.due(1000 * MS)
-    assert asked.feed(b"+1x1\r") == []
-    assert asked.due(1010 * MS) == REQUEST
-    assert asked.feed(b"+222\r")[0][0] == 2
+    sensor = poll()
+    sensor.due(1000 * MS)
+    assert sensor.feed(b"+1x1\r") == []
+    assert sensor.due(1010 * MS) == REQUEST
+    assert sensor.feed(b"+222\r")[0][0] == 2
 
 
-def test_a_device_on_another_clock_is_asked_ahead_and_its_readings_counted() -> None:
-    asked = poll(device_rate=20.0)
-    waiting = asked.due(1000 * MS)
+def test_a_device_on_another_clock_is_requested_ahead_and_its_readings_counted() -> None:
+    sensor = poll(device_rate=20.0)
+    waiting = sensor.due(1000 * MS)
     assert waiting == REQUEST * 500
-    assert [r[:2] for r in asked.feed(b"+001\r+002\r")] == [(1, -1), (2, -1)]
-    assert asked.due(1001 * MS) == REQUEST * 2
+    assert [r[:2] for r in sensor.feed(b"+001\r+002\r")] == [(1, -1), (2, -1)]
+    assert sensor.due(1001 * MS) == REQUEST * 2
 
 
 @pytest.fixture

@@ -219,7 +219,7 @@ def test_the_nearest_value_is_one_that_the_register_holds(type_: str, length: in
     assert Quantity("whole", "holding", 0, "u16").nearest(70000.4) == 0xFFFF
 
 
-def test_what_moves_is_what_was_asked_for_and_cycles_are_counted_by_time(device: Device) -> None:
+def test_what_moves_is_what_was_requested_and_cycles_are_counted_by_time(device: Device) -> None:
     device.words["discrete"][:2] = [1, 1]
     actuator = driven(device, HANDSHAKE)
     actuator.send(Command.START, Program(Waveform.SINE, 0.02, 100.0, cycles=3.0))
@@ -233,7 +233,7 @@ def test_what_moves_is_what_was_asked_for_and_cycles_are_counted_by_time(device:
     assert actuator.read_status().state == State.HALTING
 
 
-def test_a_device_with_one_pressure_shows_low_while_it_is_off_and_loses_pressure_when_low_is_asked_for(
+def test_a_device_with_one_pressure_shows_low_while_it_is_off_and_loses_pressure_when_low_is_requested(
     device: Device,
 ) -> None:
     device.words["input"][0] = 1
@@ -368,7 +368,7 @@ halt = {write = {order = 6, number = "$sequence"}}
 """
 
 
-def test_a_command_that_another_one_carries_out_is_acknowledged_as_what_was_asked_for(device: Device) -> None:
+def test_a_command_that_another_one_carries_out_is_acknowledged_as_what_was_requested(device: Device) -> None:
     """One pressure and one way to stop: low pressure writes nothing, a fade-out is the halt (code 6)."""
     held = device.words["holding"]
     held[3:6] = [512, 4, 1]  # yesterday's start

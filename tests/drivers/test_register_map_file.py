@@ -42,7 +42,7 @@ def edited(*pairs: tuple[str, str]) -> str:
     return text
 
 
-def test_the_smallest_map_of_the_page_is_read_and_says_what_it_lacks() -> None:
+def test_the_smallest_map_of_the_page_is_read_and_says_what_it_does_not_have() -> None:
     controller = read(SMALLEST)
     assert controller.name == "ACME MC-4"
     can = controller.capabilities
@@ -204,7 +204,7 @@ def test_recipes_that_double_thirty_times_are_refused_at_once() -> None:
     assert "call other recipes more than 500 times" in found[0]
 
 
-def test_all_problems_of_a_file_are_told_at_once_in_the_order_of_its_lines() -> None:
+def test_all_problems_of_a_file_are_reported_at_once_in_the_order_of_its_lines() -> None:
     entries = edited(('unit = "Hz"', 'unit = "hertz"'), ("hold = 1", "held = 1"), ("halt = {write", "halt = {wait"))
     contradictions = edited(
         ('scale = 0.01, unit = "Hz"', "scale = 0"), ("moving = 2", "moving = 1"),
@@ -239,9 +239,9 @@ def test_limits_that_a_device_shows_as_well_as_it_can_are_held() -> None:
                    'position_max = {address = 201, type = "i16", unit = "mm"}\ncycles    ='))  # fmt: skip
     controller = read(text)
     assert controller.capabilities.limits_read_back
-    wanted = ActuatorLimits(-0.0851, 0.085, 0.75, 60.0, 5000.0, 1.5, 20.0, 500)
-    assert controller.held_limits({"position_min": -0.085, "position_max": 0.085}, wanted) == wanted
-    other = controller.held_limits({"position_min": -0.085, "position_max": 0.095}, wanted)
+    expected = ActuatorLimits(-0.0851, 0.085, 0.75, 60.0, 5000.0, 1.5, 20.0, 500)
+    assert controller.held_limits({"position_min": -0.085, "position_max": 0.085}, expected) == expected
+    other = controller.held_limits({"position_min": -0.085, "position_max": 0.095}, expected)
     assert other.position_max_m == pytest.approx(0.095)
 
 
@@ -273,10 +273,10 @@ def test_a_bench_with_a_wrong_map_tells_everything_that_is_wrong_in_it(tmp_path:
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     with pytest.raises(FileProblem) as refused:
         Bench.load(bench_with(tmp_path, "mine.toml"))
-    told = str(refused.value)
+    reported = str(refused.value)
     of_map = r"line \d+: actuator.register_map = \"mine.toml\": mine.toml: line \d+: "
-    assert re.search(rf"{of_map}quantities.frequency.scale = 0: ", told)
-    assert re.search(r"mine.toml: line \d+: state.moving = 2: hold and moving both have code 2", told)
+    assert re.search(rf"{of_map}quantities.frequency.scale = 0: ", reported)
+    assert re.search(r"mine.toml: line \d+: state.moving = 2: hold and moving both have code 2", reported)
     with pytest.raises(FileProblem, match="there is no such file"):
         Bench.load(bench_with(tmp_path, "missing.toml"))
 
@@ -310,19 +310,21 @@ def test_a_map_upon_another_one_has_its_entries_but_for_those_it_is_without() ->
     assert not controller.capabilities.table
     assert controller.quantities["force"].address == 700
     assert "did you mean demo" in problems('base = "demos"\n')[0]
-    assert any("is not an entry in demo" in told for told in problems('base = "demo"\nwithout = ["state.holds"]\n'))
+    assert any(
+        "is not an entry in demo" in reported for reported in problems('base = "demo"\nwithout = ["state.holds"]\n')
+    )
 
 
-def test_a_generator_that_is_not_told_the_waveform_makes_sines_only() -> None:
+def test_a_generator_that_has_no_waveform_command_makes_sines_only() -> None:
     assert not read(SMALLEST).capabilities.triangle
-    told = edited(
+    edited_map = edited(
         ("cycles    =", "shape = {address = 110}\ncycles    ="),
         ('cycles = "$all', 'shape = "$waveform", cycles = "$all'),
         ("[faults]", "[waveforms]\nsine = 1\ntriangle = 2\n[faults]"),
     )
-    assert read(told).capabilities.triangle
-    assert not read(told.replace("triangle = 2", "")).capabilities.triangle
-    assert any("sine is missing" in told for told in problems(told.replace("sine = 1", "")))
+    assert read(edited_map).capabilities.triangle
+    assert not read(edited_map.replace("triangle = 2", "")).capabilities.triangle
+    assert any("sine is missing" in edited_map for edited_map in problems(edited_map.replace("sine = 1", "")))
 
 
 def test_a_bench_that_counts_on_a_watchdog_before_it_trips_is_refused(tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def test_an_open_coil_is_known_by_the_voltage_at_its_limit(peer: ScpiPeer, sourc
     assert faults == SourceFault.OPEN
 
 
-def test_an_output_that_goes_off_by_itself_is_told(peer: ScpiPeer, source: ScpiSupply) -> None:
+def test_an_output_that_goes_off_by_itself_is_reported(peer: ScpiPeer, source: ScpiSupply) -> None:
     source.start(0.01)
     source.command(1.0)
     source.send_now()
@@ -160,7 +160,7 @@ def test_an_output_that_goes_off_by_itself_is_told(peer: ScpiPeer, source: ScpiS
     assert read_until(source, lambda status: True)[-1].faults == 0
 
 
-def test_an_error_in_its_queue_is_told(peer: ScpiPeer, source: ScpiSupply) -> None:
+def test_an_error_in_its_queue_is_reported(peer: ScpiPeer, source: ScpiSupply) -> None:
     source.start(0.01)
     read_until(source, lambda status: peer.volts == 12.0)
     peer.errors.append('-222,"Data out of range"')
@@ -199,7 +199,7 @@ def test_echo_acknowledgement_and_another_line_end(peer: ScpiPeer) -> None:
     for current_A in (0.5, 1.0, 0.0, 1.5):
         source.command(current_A)
         source.send_now()
-        read_until(source, lambda status, wanted=current_A: status.current_A == wanted)  # type: ignore[misc]
+        read_until(source, lambda status, expected=current_A: status.current_A == expected)  # type: ignore[misc]
     assert source.status is not None
     assert (source.status.faults, source.counters.bad_checks) == (0, 0)
     source.close()
@@ -255,9 +255,9 @@ def test_records_hold_current_and_command(peer: ScpiPeer, source: ScpiSupply) ->
     batch = source.read_batch(0.2)
     while not batch.statuses or batch.statuses[-1].current_A != 0.75:
         batch = source.read_batch(0.2)
-    told = {record[4]: record[2] for record in batch.records}
-    assert told[Channel.COIL_CURRENT] == 0.75
-    assert told[Channel.COMMANDED_CURRENT] == 0.75
+    reported = {record[4]: record[2] for record in batch.records}
+    assert reported[Channel.COIL_CURRENT] == 0.75
+    assert reported[Channel.COMMANDED_CURRENT] == 0.75
 
 
 def test_what_flowed_before_a_set_point_was_sent_is_recorded_and_proves_nothing_of_it(peer: ScpiPeer) -> None:
@@ -268,8 +268,8 @@ def test_what_flowed_before_a_set_point_was_sent_is_recorded_and_proves_nothing_
     source.send_now()
     read_until(source, lambda status: status.current_A == 1.0)
     peer.slow_s = 0.1
-    asked = peer.lines.count("MEAS:CURR?")
-    while peer.lines.count("MEAS:CURR?") == asked:
+    requested = peer.lines.count("MEAS:CURR?")
+    while peer.lines.count("MEAS:CURR?") == requested:
         source.read_batch(0.0)
     source.command(0.0, enable=False)
     source.send_now()

@@ -116,7 +116,7 @@ def test_an_auxiliary_has_its_own_name_and_channel(wire: Wire) -> None:
             collect(sensor, 1)
 
 
-def test_a_pulled_cable_is_told_at_once_and_not_by_silence(wire: Wire) -> None:
+def test_a_pulled_cable_is_reported_at_once_and_not_by_silence(wire: Wire) -> None:
     url, send, pull, _ = wire
     with closing(load_cell(url)) as cell:
         cell.open()

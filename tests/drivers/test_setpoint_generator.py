@@ -32,7 +32,7 @@ def assert_smooth(points: list[Setpoint], fastest_m_s: float) -> None:
 
 
 @given(st.floats(-0.08, 0.08), st.floats(-0.08, 0.08), st.floats(0.001, 0.5))
-def test_a_move_ends_at_its_target_and_never_faster_than_asked(
+def test_a_move_ends_at_its_target_and_never_faster_than_requested(
     begin_m: float, target_m: float, speed_m_s: float
 ) -> None:
     made = SetpointGenerator(begin_m)

@@ -91,9 +91,9 @@ def test_a_corner_that_a_loop_turns_within_the_acceleration_limit_is_passed_on(p
     guard = SetpointGuard(LIMITS, period_s)
     guard.begin(triangle(0.0, period_s, 0.345), 0.0)
     for step in range(1, round(2.0 / period_s)):
-        wanted = triangle(step * period_s, period_s, 0.345)
-        assert guard.reachable(wanted, step * period_s, 0.345) == wanted
-        guard.taken(wanted, step * period_s)
+        setpoints = triangle(step * period_s, period_s, 0.345)
+        assert guard.reachable(setpoints, step * period_s, 0.345) == setpoints
+        guard.taken(setpoints, step * period_s)
 
 
 @pytest.mark.parametrize("period_s", [0.002, 0.004, 0.007, 0.01, 0.02, 0.04])
@@ -156,17 +156,17 @@ def test_a_halt_ends_within_the_travel_whenever_the_acceleration_limit_allows_it
 
 @pytest.mark.parametrize("order", [SINE, Program(Waveform.TRIANGLE, 0.05, 1.0, cycles=5.0), Move(0.05, 0.3)])
 def test_what_is_ahead_is_what_comes_and_asking_changes_nothing(order: Program | Move) -> None:
-    made, asked = SetpointGenerator(0.0), SetpointGenerator(0.0)
-    for one in (made, asked):
+    made, queried = SetpointGenerator(0.0), SetpointGenerator(0.0)
+    for one in (made, queried):
         one.move(order, 0.0) if isinstance(order, Move) else one.start(order, 0.0)
     foreseen_m = None
     for step in range(700):
         now_s = step * PERIOD_S
-        assert asked.at(now_s) == made.at(now_s)
+        assert queried.at(now_s) == made.at(now_s)
         if foreseen_m is not None:
-            assert asked.last.position_m == pytest.approx(foreseen_m, abs=1e-12)
-        foreseen_m = asked.ahead(now_s + PERIOD_S)
-    assert asked.state is made.state
+            assert queried.last.position_m == pytest.approx(foreseen_m, abs=1e-12)
+        foreseen_m = queried.ahead(now_s + PERIOD_S)
+    assert queried.state is made.state
 
 
 def test_the_lag_of_the_servo_is_learned_and_leads_from_the_rod_to_its_set_point() -> None:

@@ -64,9 +64,9 @@ def test_whatever_was_late_refused_or_lost_the_device_never_exceeds_the_motions_
         times = [begin_s + step * PERIOD_S for step in range(60)]
         times = [at_s if step < 30 else at_s + gap_s for step, at_s in enumerate(times)]
         device = from_m = to_m = sine(begin_s).position_m
-        told_s, takes_s, speeds = -math.inf, PERIOD_S, []
+        reported_s, takes_s, speeds = -math.inf, PERIOD_S, []
         for step, now_s in enumerate(times):
-            share = 1.0 if math.isinf(told_s) else min(1.0, (now_s - told_s) / takes_s)
+            share = 1.0 if math.isinf(reported_s) else min(1.0, (now_s - reported_s) / takes_s)
             device = from_m + share * (to_m - from_m)
             sent_m = lead.sent(sine(now_s), now_s, PEAK_M_S).position_m
             if 30 <= step < 30 + refused and answer != "late":
@@ -74,8 +74,8 @@ def test_whatever_was_late_refused_or_lost_the_device_never_exceeds_the_motions_
                     lead.lost(sent_m)
                 continue
             lead.taken(sent_m, now_s)
-            takes_s = max(PERIOD_S, now_s - told_s) if slow and math.isfinite(told_s) else PERIOD_S
-            from_m, to_m, told_s = device, sent_m, now_s
+            takes_s = max(PERIOD_S, now_s - reported_s) if slow and math.isfinite(reported_s) else PERIOD_S
+            from_m, to_m, reported_s = device, sent_m, now_s
             speeds.append((to_m - from_m) / takes_s)
         assert max(map(abs, speeds)) <= 1.03 * PEAK_M_S
         assert max(abs(after - before) for before, after in pairwise(speeds)) < 60.0 * 0.0115 + 0.05

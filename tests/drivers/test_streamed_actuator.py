@@ -155,7 +155,7 @@ def test_a_device_that_does_not_hold_is_streamed_nothing(
         driver.send(Command.MOVE_TO, Move(0.0, 0.1))
 
 
-def test_a_device_that_refuses_a_set_point_can_still_be_asked_for_its_status(
+def test_a_device_that_refuses_a_set_point_can_still_be_requested_its_status(
     device: ModbusDevice, driver: StreamedActuator
 ) -> None:
     driver.send(Command.START, Program(Waveform.SINE, 0.01, 1.0, 0.0125, cycles=3.0))

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 from matrices import BRISK_POINTS, TWO_POINTS
+from scenario_campaign import SEED, ScenarioCampaign, Setting, begin
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
-from world_campaign import SEED, Setting, WorldCampaign, begin
 
 from simulators.scenarios.stage import Stage
 
 Start = Callable[..., Campaign]
-BeginWorld = Callable[..., WorldCampaign]
+BeginScenario = Callable[..., ScenarioCampaign]
 InMotion = Callable[..., Campaign]
 Run = Callable[..., Ending]
 
@@ -62,10 +62,10 @@ def injected(faults: tuple[str, ...]) -> tuple[str, ...]:
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
     """Runs a campaign in virtual time, with faults of the simulated rig, to its end: `run("estop@6")`."""
-    worlds = itertools.count()
+    scenarios = itertools.count()
 
     def to_the_end(*faults: str, simulator: tuple[str, ...] = (), **setting: object) -> Ending:
-        folder = tmp_path / f"world{next(worlds)}"
+        folder = tmp_path / f"world{next(scenarios)}"
         folder.mkdir()
         with Stage(SEED, folder) as stage:
             return begin(stage, folder, Setting((*injected(faults), *simulator), **setting)).finish()
@@ -102,11 +102,11 @@ def in_motion(start: Start) -> InMotion:
 
 
 @pytest.fixture
-def begin_world(tmp_path: Path) -> Iterator[BeginWorld]:
+def begin_scenario(tmp_path: Path) -> Iterator[BeginScenario]:
     """Starts a campaign in virtual time that waits to be looked at; one a test."""
     with ExitStack() as ends:
 
-        def start_there(setting: Setting | None = None, **differing: object) -> WorldCampaign:
+        def start_there(setting: Setting | None = None, **differing: object) -> ScenarioCampaign:
             folder = tmp_path / "world"
             folder.mkdir()
             return begin(ends.enter_context(Stage(SEED, folder)), folder, setting or Setting(**differing))
@@ -115,9 +115,9 @@ def begin_world(tmp_path: Path) -> Iterator[BeginWorld]:
 
 
 @pytest.fixture
-def moving(begin_world: Start) -> InMotion:
+def moving(begin_scenario: Start) -> InMotion:
     """The same in virtual time: `moving(seconds=1.6)`."""
-    return second_point_running(begin_world)
+    return second_point_running(begin_scenario)
 
 
 @pytest.fixture

@@ -62,7 +62,7 @@ def assert_stopped(ending: Ending, slug: str, **differing: object) -> None:
     """Assert the end state of a row whose reaction is a stop; what differs from `Expected` is given by name."""
     expected, row, truth = Expected(**differing), MATRIX[slug], ending.truth  # type: ignore[arg-type]  # by name
     kind, named = expected.stop or row.end, expected.slug_of_station or slug
-    assert ending.exit_code == EXIT_CODES[kind], ending.said
+    assert ending.exit_code == EXIT_CODES[kind], ending.output
     assert ending.answer["stopped_by"] == named
     assert ending.answer["rig_state"] == "safe"
     assert ending.trips() == ([(named, kind)] if expected.logged else []), "one latched cause, the first"
@@ -139,7 +139,7 @@ def assert_never_moved(truth: Truth, still_m: float = 1e-6) -> None:
 
 def assert_refused(ending: Ending, slug: str, *, still_m: float = 1e-6) -> None:
     """The end state of a row whose reaction is R: exit 3, the reason, nothing moved, a refusal record only."""
-    assert ending.exit_code == 3, ending.said
+    assert ending.exit_code == 3, ending.output
     assert ending.answer["stopped_by"] == slug
     assert set(ending.verdicts().values()) <= {"not run"}
     assert not list((ending.folder / "points").iterdir())
@@ -149,7 +149,7 @@ def assert_refused(ending: Ending, slug: str, *, still_m: float = 1e-6) -> None:
 
 def assert_spoiled(ending: Ending, slug: str, reason: str = "", points: tuple[str, ...] = ("p001", "p002")) -> None:
     """Reaction P: the campaign goes on, its last point is invalid for this reason, the one before it stands."""
-    assert ending.exit_code == 5, ending.said
+    assert ending.exit_code == 5, ending.output
     assert slug in ending.warned()
     assert ending.trips() == []
     assert ending.answer["stopped_by"] is None
@@ -161,7 +161,7 @@ def assert_spoiled(ending: Ending, slug: str, reason: str = "", points: tuple[st
 
 def assert_warned_only(ending: Ending, slug: str) -> None:
     """Reaction W: the campaign is not disturbed; the flag is in its journal."""
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert ending.answer["stopped_by"] is None
     assert slug in ending.warned()
     assert not ending.trips()

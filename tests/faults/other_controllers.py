@@ -33,7 +33,7 @@ class OtherController:
         self.words: dict[int, int] = {}
         self.polled_s = math.nan
         self._sequence = 0
-        self._told = (0.0, 0.0)
+        self._last = (0.0, 0.0)
         self.order(Command.ACQUIRE)
         rig.every_tick.append(self.watch)
 
@@ -67,10 +67,10 @@ class OtherController:
     def follow(self, position_m: float, velocity_m_s: float | None = None) -> None:
         """Follow a target; a speed that nobody tells is that of the last two."""
         now_s = self.actuator.plant.time_s
-        before_s, before_m = self._told
+        before_s, before_m = self._last
         if velocity_m_s is None:
             velocity_m_s = (position_m - before_m) / (now_s - before_s) if 0.0 < now_s - before_s < 0.05 else 0.0
-        self._told = (now_s, position_m)
+        self._last = (now_s, position_m)
         self.actuator.follow(position_m, velocity_m_s)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 
 from matrices import matrix_text
 from other_controllers import OtherController
-from world_campaign import Handle, Setting, WorldCampaign, simulated_rig
+from scenario_campaign import Handle, ScenarioCampaign, Setting, simulated_rig
 
 from rig.campaign import CampaignOptions
 from simulators.modbus_server import ModbusServer
@@ -20,7 +20,9 @@ MATRIX = matrix_text("0.5 A", "1.5 A", frequency="1 Hz", cycles=3, more='[campai
 WATCHED = ("--actuator", "setpoints", "--option", "controller.watchdog_ms=500")
 
 
-def begun(stage: Stage, folder: Path, name: str, controller: type[OtherController], *simulator: str) -> WorldCampaign:
+def begun(
+    stage: Stage, folder: Path, name: str, controller: type[OtherController], *simulator: str
+) -> ScenarioCampaign:
     """A campaign on the simulated rig whose controller is another one."""
     truth, setting = folder / "truth.h5", Setting((*WATCHED, *simulator), speed=1.0, real_time=True)
     simulated: Any = simulated_rig("--speed", "1", *setting.simulator, truth=truth)
@@ -35,4 +37,4 @@ def begun(stage: Stage, folder: Path, name: str, controller: type[OtherControlle
         stage, CampaignOptions(folder / "matrix.toml", folder / "out", bench_path=bench), Silent()
     )
     process: Any = Handle(stage, application.process)
-    return WorldCampaign(process, folder / "out", truth, stage, application, setting)
+    return ScenarioCampaign(process, folder / "out", truth, stage, application, setting)

@@ -50,14 +50,14 @@ def test_beside_busy_processes_nothing_is_lost_and_every_point_is_valid(
     start: Start, speed: float, matrix: str, points: int
 ) -> None:
     ending = start(matrix=matrix, speed=speed).finish()
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert ending.trips() == []
     assert {(each["verdict"], each["lost_samples"]) for each in ending.answer["points"]} == {("valid", 0)}
     assert len(ending.answer["points"]) == points
 
 
 @pytest.mark.nightly
-def test_without_waiting_a_reader_that_stands_still_loses_what_its_port_cannot_hold(tmp_path: Path) -> None:
+def test_without_waiting_a_reader_that_stalls_loses_what_its_port_cannot_hold(tmp_path: Path) -> None:
     """The same rig with `--drop-unread`: one host that opens its ports, reads a little and then nothing any more."""
     lost: dict[tuple[str, ...], int] = {}
     for extra in ((), ("--drop-unread",)):

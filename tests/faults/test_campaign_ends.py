@@ -19,7 +19,7 @@ import pytest
 from end_states import assert_stopped
 from matrices import LONG_SECOND_POINT, TWO_POINTS
 from true_states import Truth
-from watched_campaign import FINISH_S, RIG, Campaign, resumed, told, wait_until
+from watched_campaign import FINISH_S, RIG, Campaign, answer_of, resumed, wait_until
 
 from drivers.roles import Command, State
 from rig.recording.conversion.recovery import recover
@@ -27,9 +27,9 @@ from rig.recording.journal.campaign_log import read_log
 from rig.station.client import StationClient
 
 if TYPE_CHECKING:
-    from conftest import BeginWorld, InMotion, Run
+    from conftest import BeginScenario, InMotion, Run
+    from scenario_campaign import ScenarioCampaign
     from watched_campaign import Ending
-    from world_campaign import WorldCampaign
 
 RESTING = TWO_POINTS.replace("cycles = 6", 'cycles = 6\nrest = "15 s"')
 """At speed 5 there are 3 s between the points."""
@@ -39,16 +39,16 @@ def assert_ended_without_pressure(ending: Ending, slug: str) -> None:
     """Exit 4 by name within a minute; nothing started, the pressure is gone in truth."""
     assert ending.stopped_from_ns is not None
     assert (ending.truth.log[-1].host_ns - ending.stopped_from_ns) / 1e9 < 60.0
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == 4, ending.output
     assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == (slug, "safe")
     assert ending.truth.state[-1] == State.OFF
     assert len(ending.truth.all("START")) == 1
     assert ending.truth.all("HYDRAULICS_OFF", text="DONE")
 
 
-def after_the_first_point(begin_world: BeginWorld) -> WorldCampaign:
+def after_the_first_point(begin_scenario: BeginScenario) -> ScenarioCampaign:
     """A campaign between its two points: the first one's file is there."""
-    campaign = begin_world(matrix=RESTING)
+    campaign = begin_scenario(matrix=RESTING)
     campaign.wait_for("START")
     campaign.until((campaign.folder / "points" / "p001.h5").exists, "p001.h5")
     assert not campaign.happened("START", count=2)
@@ -56,20 +56,22 @@ def after_the_first_point(begin_world: BeginWorld) -> WorldCampaign:
 
 
 @pytest.mark.nightly
-def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressure_off(begin_world: BeginWorld) -> None:
-    campaign = after_the_first_point(begin_world)
+def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressure_off(
+    begin_scenario: BeginScenario,
+) -> None:
+    campaign = after_the_first_point(begin_scenario)
     campaign.stage.disk.refuses = errno.ENOSPC
     ending = campaign.finish(campaign.now_ns)
     assert_ended_without_pressure(ending, "disk-full")
-    assert "p002 not finished" in ending.said
-    assert f"rig run --resume {ending.folder}" in ending.said
+    assert "p002 not finished" in ending.output
+    assert f"rig run --resume {ending.folder}" in ending.output
     # The journal's last line fitted only in part: what it told is not known.
     campaign.assert_completed(requalified="looked at: the disk was full, nothing else")
 
 
 @pytest.mark.nightly
-def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(begin_world: BeginWorld) -> None:
-    campaign = after_the_first_point(begin_world)
+def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(begin_scenario: BeginScenario) -> None:
+    campaign = after_the_first_point(begin_scenario)
     points = campaign.folder / "points"
     points.rename(points.with_name("taken"))
     ending = campaign.finish(campaign.now_ns)
@@ -92,7 +94,7 @@ def test_a_finaliser_that_dies_stops_the_rig_and_its_points_are_recovered(moving
     assert ending.point("p002").reasons[0].startswith("task-dies")
 
 
-def write_stop(campaign: WorldCampaign, url: str, sequence: int) -> None:
+def write_stop(campaign: ScenarioCampaign, url: str, sequence: int) -> None:
     """Another Modbus client's FADE_STOP: registers 300 and 301 of device 1, as bytes."""
     host, port = url.removeprefix("modbus-tcp://").split(":")
     values = struct.pack(">2H", Command.FADE_STOP, sequence)
@@ -106,14 +108,14 @@ def write_stop(campaign: WorldCampaign, url: str, sequence: int) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("speed", [1.0, 5.0])
 def test_another_clients_stop_ends_the_campaign_and_nothing_starts_after_it(
-    begin_world: BeginWorld, speed: float
+    begin_scenario: BeginScenario, speed: float
 ) -> None:
-    campaign = begin_world(speed=speed)
+    campaign = begin_scenario(speed=speed)
     campaign.move(1.2)
     bench = tomllib.loads((campaign.folder / "bench.toml").read_text(encoding="utf-8"))
     campaign.do(lambda: write_stop(campaign, bench["actuator"]["url"], 40_000))
     ending = campaign.finish()
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == 4, ending.output
     assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == ("second-master", "safe")
     assert len(ending.truth.all("START")) == 1
     assert ending.verdicts() == {"p001": "invalid", "p002": "not run"}
@@ -124,11 +126,11 @@ READS_LATE_NS = 2_000_000
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("speed", "seconds"), [(1.0, 0.6), (5.0, 3.0)])
-def test_an_application_that_stood_still_hears_why_the_station_stopped_before_it_makes_something_of_it(
-    begin_world: BeginWorld, monkeypatch: pytest.MonkeyPatch, speed: float, seconds: float
+def test_an_application_that_was_at_rest_hears_why_the_station_stopped_before_it_makes_something_of_it(
+    begin_scenario: BeginScenario, monkeypatch: pytest.MonkeyPatch, speed: float, seconds: float
 ) -> None:
     """On waking it sees a motion that somebody has ended, or that time is over; the reason is still in its pipe."""
-    campaign = begin_world(speed=speed, real_time=speed == 1.0)
+    campaign = begin_scenario(speed=speed, real_time=speed == 1.0)
     take, kernel = StationClient._take, campaign.stage.kernel
 
     def late(client: StationClient, message: dict[str, object]) -> None:
@@ -143,7 +145,7 @@ def test_an_application_that_stood_still_hears_why_the_station_stopped_before_it
     campaign.run_on(seconds)
     campaign.send(signal.SIGCONT)
     ending = campaign.finish()
-    assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "host-stalled"), ending.said
+    assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "host-stalled"), ending.output
     stops = [line["slug"] for line in read_log(ending.folder) if line.get("what") in {"trip", "also"}]
     assert stops == ["host-stalled"]
     assert ending.point("p001").reasons[0].startswith("host-stalled")
@@ -226,17 +228,17 @@ def test_a_display_that_nobody_reads_does_not_keep_the_operator_from_stopping(tm
 
 @pytest.mark.nightly
 @pytest.mark.wire
-def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> None:
+def test_ctrl_c_is_reported_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> None:
     campaign = in_motion()
     campaign.process.send_signal(signal.SIGINT)
     ending = campaign.finish()
     assert (
         "Stopped by operator (Ctrl-C): motion ramped down, coil at 0 A, hydraulics off. p002 not finished. "
         f"Continue with: rig run --resume {ending.folder}"
-    ) in ending.said
-    assert "error" not in ending.said
-    assert "full cycles" not in ending.said
-    assert ending.said.index("p002") < ending.said.index("ended")
+    ) in ending.output
+    assert "error" not in ending.output
+    assert "full cycles" not in ending.output
+    assert ending.output.index("p002") < ending.output.index("ended")
     code, answer = resumed(ending.folder)
     assert code == 0, answer
     assert [stop["slug"] for stop in answer["confirmed"]] == ["sigint"]
@@ -246,8 +248,8 @@ def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> N
 @pytest.mark.wire
 def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requalified(run_wired: Run) -> None:
     ending = run_wired("estop@5")
-    assert ending.exit_code == 4, ending.said
-    assert "--requalified" in ending.said
+    assert ending.exit_code == 4, ending.output
+    assert "--requalified" in ending.output
     code, refused = resumed(ending.folder)
     assert (code, refused["slug"]) == (3, "requalify")
     assert "estop" in refused["error"]
@@ -258,5 +260,5 @@ def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requali
     assert "estop" in [stop["slug"] for stop in answer["confirmed"]]
     assert [line["text"] for line in read_log(ending.folder) if line["event"] == "requalified"] == [words]
     assert words in (ending.folder / "campaign.json").read_text(encoding="utf-8")
-    code, answer = told("--resume", str(ending.folder), "--no-identify")
+    code, answer = answer_of("--resume", str(ending.folder), "--no-identify")
     assert (code, answer["confirmed"]) == (0, [])

@@ -45,7 +45,7 @@ def test_a_broken_coil_stops_the_rig(run: Run, fault: str, bit: str) -> None:
 @pytest.mark.nightly
 def test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point(run: Run) -> None:
     ending = run("current-tracking@6.3")
-    assert ending.exit_code == 5, ending.said
+    assert ending.exit_code == 5, ending.output
     assert "current-tracking" in ending.warned()
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}

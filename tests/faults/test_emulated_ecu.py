@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from end_states import assert_never_moved
-from row_worlds import world_of
+from row_scenarios import scenario_of
 from test_every_row import assert_stopped_in_time
 
 from rig.faults.matrix import MATRIX
@@ -47,14 +47,14 @@ ROWS = ("ecu-silent", "ecu-late", "ecu-crc", "ecu-restart", "ecu-overtemp", "coi
 @pytest.mark.nightly
 @pytest.mark.apart
 @pytest.mark.parametrize("slug", ROWS)
-def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_world: Start) -> None:
-    here = world_of(slug)
-    campaign = begin_world(replace(here.setting, simulator=(*here.setting.simulator, *EMULATED)))
+def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_scenario: Start) -> None:
+    here = scenario_of(slug)
+    campaign = begin_scenario(replace(here.setting, simulator=(*here.setting.simulator, *EMULATED)))
     assert here.around is None
     assert MATRIX[slug].stop is not None
     ending = campaign.finish(None)
-    if here.judge is not None:
-        here.judge(campaign, ending)
+    if here.check is not None:
+        here.check(campaign, ending)
     else:
         assert_stopped_in_time(campaign, ending, slug, here)
 
@@ -67,10 +67,10 @@ def test_can_fd_with_floats_profile_5_and_a_share_of_full_scale(slug: str, run: 
     roles.write_text(FD_ROLES, encoding="utf-8")
     files = ("--dbc", str(dbc), "--ecu-roles", str(roles))
     ending = run(*([f"{slug}@6.3"] if slug else []), simulator=files)
-    assert ending.exit_code == (4 if slug else 0), ending.said
+    assert ending.exit_code == (4 if slug else 0), ending.output
     assert slug in {"", ending.answer.get("stopped_by")}
-    lacking = {line["slug"] for line in ending.log if str(line.get("slug", "")).startswith("ecu-without")}
-    assert lacking == {f"ecu-without-{name}" for name in ("supply", "state", "restart", "clock", "identity", "layout")}
+    missing = {line["slug"] for line in ending.log if str(line.get("slug", "")).startswith("ecu-without")}
+    assert missing == {f"ecu-without-{name}" for name in ("supply", "state", "restart", "clock", "identity", "layout")}
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_a_wrong_data_id_is_refused_and_nothing_moves(
     wrong = tmp_path / "wrong-roles.toml"
     wrong.write_text(ROLES.read_text(encoding="utf-8").replace(known, "0x2A3"), encoding="utf-8")
     ending = run(simulator=EMULATED, bench_edit=(str(ROLES), str(wrong)))
-    assert ending.exit_code == 3, ending.said
+    assert ending.exit_code == 3, ending.output
     assert ending.answer["stopped_by"] == slug
-    assert [text for text in named if text not in ending.said] == []
+    assert [text for text in named if text not in ending.output] == []
     assert_never_moved(ending.truth, 1e-6)

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from matrices import matrix_text
-from row_worlds import ONCE, RowWorld, world_of
-from test_every_row import judge_row
+from row_scenarios import ONCE, RowScenario, scenario_of
+from test_every_row import check_row
 
 if TYPE_CHECKING:
     from conftest import Start
@@ -23,7 +23,7 @@ SLOW = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="1 Hz", cycles
 MAPS = Path(__file__).parents[1] / "simulators" / "maps"
 
 
-def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
+def wearing(here: RowScenario, name: str, *more: str) -> RowScenario:
     simulator = (*here.setting.simulator, "--register-map", str(MAPS / f"{name}.toml"), *more)
     return replace(here, setting=replace(here.setting, simulator=simulator))
 
@@ -35,9 +35,9 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
         ("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"),
     ],
 )  # fmt: skip
-def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_world: Start) -> None:
-    here = wearing(RowWorld(ONCE), name, "--actuator", link)
-    ending = begin_world(here.setting).finish(None)
+def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_scenario: Start) -> None:
+    here = wearing(RowScenario(ONCE), name, "--actuator", link)
+    ending = begin_scenario(here.setting).finish(None)
     assert ending.exit_code == 0, ending.answer["points"]
     assert ending.verdicts() == {"p001": "valid"}
     assert "actuator-without-limits" in {line.get("slug") for line in ending.log}
@@ -45,9 +45,9 @@ def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str,
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", ["pulses", "streamed"])
-def test_slow_points_are_valid_without_a_force_input_or_a_generator_too(name: str, begin_world: Start) -> None:
-    setting = wearing(RowWorld(ONCE), name, *(("--actuator", "tcp") if name == "streamed" else ())).setting
-    ending = begin_world(replace(setting, matrix=SLOW)).finish(None)
+def test_slow_points_are_valid_without_a_force_input_or_a_generator_too(name: str, begin_scenario: Start) -> None:
+    setting = wearing(RowScenario(ONCE), name, *(("--actuator", "tcp") if name == "streamed" else ())).setting
+    ending = begin_scenario(replace(setting, matrix=SLOW)).finish(None)
     assert ending.exit_code == 0, ending.answer["points"]
     assert ending.verdicts() == {"p001": "valid", "p002": "valid"}
 
@@ -64,5 +64,5 @@ ROWS = {
 @pytest.mark.few(1)
 @pytest.mark.apart
 @pytest.mark.parametrize(("name", "slug"), [(name, slug) for name, slugs in ROWS.items() for slug in slugs])
-def test_rows_end_as_the_matrix_says_on_a_users_map(name: str, slug: str, begin_world: Start) -> None:
-    judge_row(slug, wearing(world_of(slug), name), begin_world)
+def test_rows_end_as_the_matrix_says_on_a_users_map(name: str, slug: str, begin_scenario: Start) -> None:
+    check_row(slug, wearing(scenario_of(slug), name), begin_scenario)

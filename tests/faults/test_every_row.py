@@ -3,7 +3,7 @@
 Asserted by the row's reaction. A stop: exit code 4, the row named as the one latched cause, the rig "safe", the first
 stop command within the row's time, in truth 0 A and standstill within their times and no pressure in the end, the
 point invalid by that name. A warning or a spoiled point: exit code 0 or 5, the flag, no stop. A refusal: exit code,
-slug, nothing moved. What a row has beside or instead of that stands in `row_worlds.py`.
+slug, nothing moved. What a row has beside or instead of that stands in `row_scenarios.py`.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 from end_states import assert_never_moved, assert_spoiled, assert_stopped, assert_warned_only
-from row_worlds import PERIOD_S, RowWorld, assert_pressure_off, within_s, world_of
+from row_scenarios import PERIOD_S, RowScenario, assert_pressure_off, scenario_of, within_s
 
 from rig.faults.matrix import MATRIX
 from rig.faults.row import Ending as Reaction
 
 if TYPE_CHECKING:
     from conftest import Start
+    from scenario_campaign import ScenarioCampaign
     from watched_campaign import Ending
-    from world_campaign import WorldCampaign
 
 DEAF = frozenset({"modbus-busy", "modbus-reject", "modbus-write-lost"})
 """Rows whose controller obeys no command any more: its own watchdog ends the motion."""
@@ -33,21 +33,21 @@ NOT_RIGID = {"wrong-damper": 5e-3}
 
 @pytest.mark.apart
 @pytest.mark.parametrize("slug", MATRIX)
-def test_every_row_ends_as_the_matrix_says(slug: str, begin_world: Start) -> None:
-    judge_row(slug, world_of(slug), begin_world)
+def test_every_row_ends_as_the_matrix_says(slug: str, begin_scenario: Start) -> None:
+    check_row(slug, scenario_of(slug), begin_scenario)
 
 
-def judge_row(slug: str, here: RowWorld, begin_world: Start) -> None:
+def check_row(slug: str, here: RowScenario, begin_scenario: Start) -> None:
     """Run a row's world and judge its end."""
-    campaign = begin_world(here.setting)
+    campaign = begin_scenario(here.setting)
     fault_ns = None
     if here.around is not None:
         here.begins(campaign)
         fault_ns = campaign.now_ns
         here.around(campaign)
     ending = campaign.finish(fault_ns)
-    if here.judge is not None:
-        here.judge(campaign, ending)
+    if here.check is not None:
+        here.check(campaign, ending)
     elif isinstance(MATRIX[slug].end, Reaction):
         JUDGES[MATRIX[slug].end](ending, slug)
         assert_pressure_off(campaign)
@@ -56,7 +56,7 @@ def judge_row(slug: str, here: RowWorld, begin_world: Start) -> None:
     here.also(campaign, ending)
 
 
-def assert_stopped_in_time(campaign: WorldCampaign, ending: Ending, slug: str, here: RowWorld) -> None:
+def assert_stopped_in_time(campaign: ScenarioCampaign, ending: Ending, slug: str, here: RowScenario) -> None:
     """The end state of a stop, within the row's own times; the running point is invalid by its name."""
     assert_stopped(
         ending, slug, finished=(), broken=None, speed=1.0, period_s=PERIOD_S, settling_s=here.settling_s,
@@ -64,7 +64,7 @@ def assert_stopped_in_time(campaign: WorldCampaign, ending: Ending, slug: str, h
         first="TRIP" if slug in TRIPS_BY_ITSELF else None, logged=slug != "disk-full",
     )  # fmt: skip
     if slug in STILL_ON:
-        assert "HYDRAULICS STILL ON" in ending.said
+        assert "HYDRAULICS STILL ON" in ending.output
     else:
         assert_pressure_off(campaign)
     (point,) = ending.answer["points"]
@@ -74,7 +74,7 @@ def assert_stopped_in_time(campaign: WorldCampaign, ending: Ending, slug: str, h
 
 def assert_refused_by_name(ending: Ending, slug: str) -> None:
     """Exit code and name of the row, and nothing moved; a campaign that had its folder keeps a refusal record only."""
-    assert ending.exit_code == MATRIX[slug].exit_code, ending.said
+    assert ending.exit_code == MATRIX[slug].exit_code, ending.output
     assert (ending.answer.get("stopped_by") or ending.answer["slug"]) == slug
     assert_never_moved(ending.truth, NOT_RIGID.get(slug, 1e-6))
     if (ending.folder / "points").exists():

@@ -34,7 +34,7 @@ def test_a_disk_that_is_full_for_the_files_of_points_loses_none_of_them(in_motio
     for process in family(campaign.child("finaliser")):
         resource.prlimit(process, resource.RLIMIT_FSIZE, (SMALLER_THAN_ANY_FILE, SMALLER_THAN_ANY_FILE))
     ending = campaign.finish()
-    assert (ending.exit_code, ending.answer["rig_state"]) == (5, "safe"), ending.said
+    assert (ending.exit_code, ending.answer["rig_state"]) == (5, "safe"), ending.output
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
     (reason,) = ending.answer["points"][1]["reasons"]
     assert reason.startswith("not-written")

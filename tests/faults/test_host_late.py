@@ -13,7 +13,7 @@ from matrices import BRISK_POINTS
 from protocols.quality import Quality
 
 if TYPE_CHECKING:
-    from conftest import BeginWorld
+    from conftest import BeginScenario
 
 HELD_S = 0.025
 DEVICES = ("loadcell", "lvdt", "ecu", "can", "modbus", "actuator", "auxiliary", "serial", "usb", "controller")
@@ -21,9 +21,9 @@ DEVICES = ("loadcell", "lvdt", "ecu", "can", "modbus", "actuator", "auxiliary", 
 
 @pytest.mark.nightly
 def test_short_times_in_which_the_station_does_not_run_are_recorded_and_the_campaign_goes_on(
-    begin_world: BeginWorld,
+    begin_scenario: BeginScenario,
 ) -> None:
-    campaign = begin_world(matrix=BRISK_POINTS, speed=1.0)
+    campaign = begin_scenario(matrix=BRISK_POINTS, speed=1.0)
     chance, held_s = random.Random(7), []
     campaign.wait_for("START", count=2)
     for _ in range(8):
@@ -31,7 +31,7 @@ def test_short_times_in_which_the_station_does_not_run_are_recorded_and_the_camp
         campaign.hold("rig.station", HELD_S)
         held_s.append(HELD_S)
     ending = campaign.finish()
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert set(ending.verdicts().values()) == {"valid"}
     blamed = [slug for slug in ending.warned() if slug.startswith(DEVICES)]
     assert not blamed

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from end_states import assert_no_current, assert_still
 from matrices import HYBRID
+from scenario_campaign import Setting, begin
 from watched_campaign import Ending
-from world_campaign import Setting, begin
 
 from rig.characteristics.hybrid_tests import answer, hybrid_tests, write_hybrid
 from rig.document.html import fragment
@@ -34,7 +34,7 @@ def ended(folder: Path, matrix: str, *simulator: str) -> Ending:
 @pytest.mark.apart
 def test_the_rod_follows_and_the_body_answers_as_the_whole_car_does(tmp_path: Path) -> None:
     ending = ended(tmp_path, SHORT)
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert ending.verdicts() == {"hybrid-model": "valid", "hybrid-none": "valid"}
     run = Run.open(ending.folder)
     tests = hybrid_tests(run)
@@ -60,7 +60,7 @@ def test_a_controller_that_takes_no_speed_is_no_later_than_the_others(tmp_path: 
     with Stage(1, tmp_path) as stage:
         setting = Setting(("--register-map", "delta-rmc"), HYBRID, speed=1.0, real_time=True)
         ending = begin(stage, tmp_path, setting).finish()
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     for test in hybrid_tests(Run.open(ending.folder)):
         assert test.verdict == "valid"
         assert 5.0 < test.to_json()["delay_ms"] < 15.0
@@ -69,7 +69,7 @@ def test_a_controller_that_takes_no_speed_is_no_later_than_the_others(tmp_path: 
 @pytest.mark.apart
 def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> None:
     ending = ended(tmp_path, SHORT.replace('"model", "none"', '"model"'), "--fault", "loadcell-pulled@2.5")
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == 4, ending.output
     assert ending.trips()[0] == ("loadcell-pulled", "S2")
     assert ending.answer["rig_state"] == "safe"
     assert ending.verdicts() == {"hybrid-model": "invalid"}
@@ -78,7 +78,7 @@ def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> Non
     assert_no_current(ending.truth, fault.time_s)
     test = hybrid_tests(Run.open(ending.folder))[0]
     assert test.verdict == "invalid"
-    assert 50 < test.told["steps"] < 300, "in the middle of the road"
+    assert 50 < test.reported["steps"] < 300, "in the middle of the road"
 
 
 @pytest.mark.nightly
@@ -88,7 +88,7 @@ def test_a_law_commands_the_coil_until_a_pulled_wire_takes_the_current_away(tmp_
         "[hybrid]\n", '[hybrid]\nlaw = ["skyhook"]\nmost_current = "0.8 A"\n'
     )
     ending = ended(tmp_path, text, "--fault", "loadcell-pulled@5.2")
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == 4, ending.output
     assert ending.trips()[0] == ("loadcell-pulled", "S2")
     fault = ending.truth.first("FAULT")
     assert_no_current(ending.truth, fault.time_s + 0.2)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from end_states import assert_no_current, assert_still
 from matrices import HYBRID
-from world_campaign import Setting, WorldCampaign, begin
+from scenario_campaign import ScenarioCampaign, Setting, begin
 
 from rig.characteristics.hybrid_tests import hybrid_tests
 from rig.recording.run import Run
@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLLOWS = ("--actuator", "setpoints")
 
 
-def begun(stage: Stage, folder: Path, matrix: str, *simulator: str) -> WorldCampaign:
+def begun(stage: Stage, folder: Path, matrix: str, *simulator: str) -> ScenarioCampaign:
     """A campaign whose first hybrid test is on its road."""
     campaign = begin(stage, folder, Setting((*FOLLOWS, *simulator), matrix, speed=1.0, real_time=True))
     campaign.on_the_road()
@@ -61,7 +61,7 @@ def test_a_pause_waits_for_the_test_and_a_killed_one_is_repeated_by_resume(tmp_p
             "hybrid-model": "valid", "hybrid-ats": "valid",
         }  # fmt: skip
         assert first.read_bytes() == kept
-        assert all(test.told["late_steps"] == 0 for test in hybrid_tests(Run.open(ending.folder)))
+        assert all(test.reported["late_steps"] == 0 for test in hybrid_tests(Run.open(ending.folder)))
 
 
 @pytest.mark.apart
@@ -69,18 +69,18 @@ def test_ctrl_c_on_the_road_stops_the_rig_safely(tmp_path: Path) -> None:
     with Stage(1, tmp_path) as stage:
         campaign = begun(stage, tmp_path, ALONE)
         campaign.run_on(0.5)
-        asked_ns = campaign.now_ns
+        request_ns = campaign.now_ns
         campaign.send(signal.SIGINT)
-        ending = campaign.finish(asked_ns)
-        assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "sigint"), ending.said
+        ending = campaign.finish(request_ns)
+        assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "sigint"), ending.output
         assert ending.answer["rig_state"] == "safe"
         zero = ending.truth.all("SET_CURRENT", text="0.000")[-1]
-        assert (zero.host_ns - asked_ns) / 1e9 < 0.2
+        assert (zero.host_ns - request_ns) / 1e9 < 0.2
         assert_no_current(ending.truth, zero.time_s)
         assert_still(ending.truth, zero.time_s + 0.5)
         assert not stage.rig.plant.command["pressure"][0]
         assert ending.verdicts() == {"hybrid-model": "invalid"}
-        assert "Stopped by operator (Ctrl-C): motion halted, coil at 0 A, hydraulics off." in ending.said
+        assert "Stopped by operator (Ctrl-C): motion halted, coil at 0 A, hydraulics off." in ending.output
 
 
 @pytest.mark.apart
@@ -90,12 +90,12 @@ def test_an_actuator_later_than_allowed_ends_the_test_before_its_road(tmp_path: 
         late = ALONE.replace('largest_delay = "20 ms"', 'largest_delay = "6 ms"')
         campaign = begin(stage, tmp_path, Setting(FOLLOWS, late, speed=1.0, real_time=True))
         ending = campaign.finish()
-        assert ending.exit_code == 4, ending.said
+        assert ending.exit_code == 4, ending.output
         assert ending.trips() == [("hybrid-unstable", "S2")]
         (trip,) = (line for line in ending.log if line.get("what") == "trip")
         assert "ms; allowed: 0.2 to 6.0 ms" in trip["detail"]
-        told = [line["phase"] for line in ending.log if line.get("what") == "hybrid"]
-        assert "test" not in told
+        phases = [line["phase"] for line in ending.log if line.get("what") == "hybrid"]
+        assert "test" not in phases
         assert ending.answer["rig_state"] == "safe"
 
 
@@ -104,7 +104,7 @@ def test_an_actuator_later_than_allowed_ends_the_test_before_its_road(tmp_path: 
 def test_three_late_set_points_in_a_row_end_a_hybrid_test(tmp_path: Path) -> None:
     with Stage(1, tmp_path) as stage:
         ending = begun(stage, tmp_path, ALONE, "--fault", "setpoints-late@2.5").finish()
-        assert ending.exit_code == 4, ending.said
+        assert ending.exit_code == 4, ending.output
         assert ending.trips()[0] == ("setpoints-late", "S2")
         assert ending.answer["rig_state"] == "safe"
         assert ending.answer["setpoints"]["late"] >= 3
@@ -115,7 +115,7 @@ def test_three_late_set_points_in_a_row_end_a_hybrid_test(tmp_path: Path) -> Non
 
 @pytest.mark.nightly
 @pytest.mark.apart
-def test_a_seed_is_one_world_bit_by_bit_with_a_hybrid_test_and_a_pulled_wire_in_it(tmp_path: Path) -> None:
+def test_a_seed_is_one_scenario_bit_by_bit_with_a_hybrid_test_and_a_pulled_wire_in_it(tmp_path: Path) -> None:
     text = (ROOT / "examples" / "demo-bench.toml").read_text(encoding="utf-8")
     text = re.sub(r"(?m)^(register_map|poll) = .*\n", "", text)
     files = Files(tmp_path / "matrix.toml", tmp_path / "bench.toml")
@@ -126,6 +126,6 @@ def test_a_seed_is_one_world_bit_by_bit_with_a_hybrid_test_and_a_pulled_wire_in_
     for name in ("one", "another"):
         (tmp_path / name).mkdir()
         ended.append(live(plan, tmp_path / name, most_sessions=1)[1])
-    assert [world.failed for world in ended] == [(), ()]
+    assert [scenario.failed for scenario in ended] == [(), ()]
     assert ended[0].sessions == (4,)
     assert ended[0].digest == ended[1].digest

@@ -9,7 +9,7 @@ import sys
 import test_every_row
 from edits import ROOT, NoLongerThere, edited
 from mutation import HALVES, all_mutations
-from row_worlds import ROW_WORLDS
+from row_scenarios import ROW_SCENARIOS
 
 from rig.campaign.stop_cause import may_restart
 from rig.faults.matrix import MATRIX, REACTIONS
@@ -20,11 +20,11 @@ def test_the_matrix_has_sixty_five_rows_each_once() -> None:
     assert len(MATRIX) == 65
 
 
-def test_every_row_has_its_world_or_a_reason_why_it_cannot_have_one() -> None:
+def test_every_row_has_its_scenario_or_a_reason_why_it_cannot_have_one() -> None:
     assert all(row.tested or row.reason for row in MATRIX.values())
-    assert not set(ROW_WORLDS) - {slug for slug, row in MATRIX.items() if row.tested}
+    assert not set(ROW_SCENARIOS) - {slug for slug, row in MATRIX.items() if row.tested}
     around = {slug for slug in MATRIX if MATRIX[slug].where == "process"}
-    assert not around - set(ROW_WORLDS), "no device has such a fault: its world must say what happens"
+    assert not around - set(ROW_SCENARIOS), "no device has such a fault: its world must say what happens"
 
 
 def test_the_test_that_the_matrix_names_is_there_for_every_row() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from matrices import HYBRID
-from world_campaign import Setting, WorldCampaign, begin
+from scenario_campaign import ScenarioCampaign, Setting, begin
 
 from rig import dampers
 from rig.characteristics.hybrid_tests import hybrid_tests
@@ -37,7 +37,7 @@ RUNS = {"in the sine": "p001.journal", "in the signal": "p002.journal", "between
 """What is there among the points then."""
 
 
-def begun(stage: Stage, folder: Path) -> WorldCampaign:
+def begun(stage: Stage, folder: Path) -> ScenarioCampaign:
     """The campaign, with its fit."""
     values = dampers.parameter_set("demo").values
     entries = {name: {"value": value} for name, value in values.items()}
@@ -46,7 +46,7 @@ def begun(stage: Stage, folder: Path) -> WorldCampaign:
     return begin(stage, folder, Setting(FOLLOWS, MIXED, speed=1.0, real_time=True))
 
 
-def come_to(campaign: WorldCampaign, phase: str) -> None:
+def come_to(campaign: ScenarioCampaign, phase: str) -> None:
     if phase == "connecting":
         campaign.until((campaign.folder / "campaign.json").exists, "the description")
     elif phase == "on the road":

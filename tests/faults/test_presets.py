@@ -8,8 +8,8 @@ import pytest
 from end_states import assert_no_current
 from other_controllers import DeltaRmc, DeltaRmcHighFirst, FloatDrive, OtherController
 from preset_campaign import begun
+from scenario_campaign import SEED
 from watched_campaign import Ending
-from world_campaign import SEED
 
 from simulators.scenarios.stage import Stage
 
@@ -26,7 +26,7 @@ def ended(folder: Path, name: str, controller: type[OtherController], *simulator
 @pytest.mark.parametrize(("name", "controller"), [("delta-rmc", DeltaRmc), ("float-drive", FloatDrive)])
 def test_a_matrix_runs_to_its_end(name: str, controller: type[OtherController], tmp_path: Path) -> None:
     ending = ended(tmp_path, name, controller)
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert ending.verdicts() == {"p001": "valid", "p002": "valid"}
     assert ending.answer["setpoints"]["skipped"] == 0
     for point in ("p001", "p002"):
@@ -38,7 +38,7 @@ def test_a_matrix_runs_to_its_end(name: str, controller: type[OtherController], 
 @pytest.mark.parametrize(("name", "controller"), [("delta-rmc", DeltaRmc), ("float-drive", FloatDrive)])
 def test_set_points_that_are_lost_halt_it(name: str, controller: type[OtherController], tmp_path: Path) -> None:
     ending = ended(tmp_path, name, controller, "--fault", "setpoints-lost@0.4")
-    assert (ending.exit_code, ending.answer["rig_state"]) == (4, "safe"), ending.said
+    assert (ending.exit_code, ending.answer["rig_state"]) == (4, "safe"), ending.output
     assert ending.trips() == [("setpoints-lost", "SO")]
     halt = ending.truth.first("HALT", after=ending.truth.first("FAULT"))
     assert_no_current(ending.truth, halt.time_s)
@@ -47,4 +47,4 @@ def test_set_points_that_are_lost_halt_it(name: str, controller: type[OtherContr
 @pytest.mark.apart
 def test_the_wrong_word_order_is_refused_at_connect(tmp_path: Path) -> None:
     ending = ended(tmp_path, "delta-rmc", DeltaRmcHighFirst)
-    assert (ending.exit_code, ending.answer["stopped_by"]) == (3, "register-layout"), ending.said
+    assert (ending.exit_code, ending.answer["stopped_by"]) == (3, "register-layout"), ending.output

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from other_controllers import DeltaRmc, FloatDrive, OtherController
 from preset_campaign import begun
-from world_campaign import SEED, WorldCampaign
+from scenario_campaign import SEED, ScenarioCampaign
 
 from drivers.roles import Command, FaultBit
 from simulators.scenarios.stage import Stage
@@ -35,14 +35,14 @@ class SaysSo(FloatDrive):
         return shown | ({2: 4} if shown[2] == 3 and self.pressure == 0 else {})
 
 
-def streamed(campaign: WorldCampaign) -> None:
+def streamed(campaign: ScenarioCampaign) -> None:
     """A point's motion of set-points runs."""
     journal = campaign.folder / "journal.jsonl"
     campaign.until(lambda: '"event": "point"' in journal.read_text("utf-8"), "the first point")
     campaign.run_on(0.8)
 
 
-def trips(campaign: WorldCampaign) -> None:
+def trips(campaign: ScenarioCampaign) -> None:
     """The controller trips by itself."""
     streamed(campaign)
     plant = campaign.stage.rig.plant
@@ -51,13 +51,13 @@ def trips(campaign: WorldCampaign) -> None:
     campaign.stage.rig.actuator.order_limits()
 
 
-def interrupted(campaign: WorldCampaign) -> None:
+def interrupted(campaign: ScenarioCampaign) -> None:
     """Ctrl-C."""
     streamed(campaign)
     campaign.send(signal.SIGINT)
 
 
-def nothing(_: WorldCampaign) -> None:
+def nothing(_: ScenarioCampaign) -> None:
     """The devices' own fault is enough."""
 
 
@@ -75,7 +75,7 @@ def nothing(_: WorldCampaign) -> None:
     ],
 )
 def test_a_pressure_that_is_not_proved_off_is_no_safe_end(
-    name: str, controller: type[OtherController], fault: str, around: Callable[[WorldCampaign], None], code: int,
+    name: str, controller: type[OtherController], fault: str, around: Callable[[ScenarioCampaign], None], code: int,
     tmp_path: Path,
 ) -> None:
     with Stage(SEED, tmp_path) as stage:
@@ -84,12 +84,12 @@ def test_a_pressure_that_is_not_proved_off_is_no_safe_end(
         ending = campaign.finish()
         on = bool(stage.rig.plant.command["pressure"][0])
     stop = ending.answer["stop"]
-    assert (ending.exit_code, ending.answer["rig_state"]) == (code, "safe" if code == 4 else "unknown"), ending.said
+    assert (ending.exit_code, ending.answer["rig_state"]) == (code, "safe" if code == 4 else "unknown"), ending.output
     assert on is issubclass(controller, StaysOn)
     assert stop["proved"]
     assert stop["pressure_off"] is (code == 4)
     if code == 7:
         unsaid = name == "float-drive" and around is trips
         assert ("HYDRAULICS NOT CONFIRMED OFF" if unsaid else "HYDRAULICS STILL ON") in stop["stands"]
-        assert "hydraulics off could not be confirmed" in ending.said
-        assert "Inspect" in ending.said
+        assert "hydraulics off could not be confirmed" in ending.output
+        assert "Inspect" in ending.output

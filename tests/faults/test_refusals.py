@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from matrices import LONG_SECOND_POINT, TWO_POINTS
-from watched_campaign import resumed, told
-from world_campaign import Setting
+from scenario_campaign import Setting
+from watched_campaign import answer_of, resumed
 
 if TYPE_CHECKING:
     from conftest import InMotion
@@ -25,7 +25,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(TWO_POINTS, encoding="utf-8")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
-    code, answer = told(str(matrix), "--simulate", "--out", str(tmp_path / place))
+    code, answer = answer_of(str(matrix), "--simulate", "--out", str(tmp_path / place))
     assert (code, answer["slug"]) == (3, "dir-readonly")
     assert place in answer["error"]
     assert (tmp_path / "file").read_text(encoding="utf-8") == "in the way"
@@ -40,12 +40,12 @@ def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: 
     campaign = in_motion(seconds=0.2, matrix=LONG_SECOND_POINT, speed=2.0)
     shutil.copy(campaign.folder / "bench.toml", tmp_path / "bench.toml")
     second = (str(matrix), "--bench", str(tmp_path / "bench.toml"), "--out", str(tmp_path / "second"))
-    code, answer = told(*second)
+    code, answer = answer_of(*second)
     assert (code, answer["slug"]) == (3, "two-instances")
     code, answer = resumed(campaign.folder)
     assert (code, answer["slug"]) == (3, "two-instances")
     ending = campaign.finish()
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert set(ending.verdicts().values()) == {"valid"}
     assert len(ending.truth.all("START")) == 2
 
@@ -72,7 +72,7 @@ def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     double = tmp_path / "double.toml"
     point = '[[point]]\nid = "p001"\namplitude = "20 mm"\nfrequency = "2 Hz"\ncurrent = "0 A"\n'
     double.write_text(text + point, encoding="utf-8")
-    code, answer = told(str(double), "--simulate", "--out", str(tmp_path / "double"))
+    code, answer = answer_of(str(double), "--simulate", "--out", str(tmp_path / "double"))
     assert code == 2
     assert "p001" in answer["error"]
     assert not (tmp_path / "double").exists()
@@ -94,7 +94,7 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(TWO_POINTS.replace(*change), encoding="utf-8")
     bench = EXAMPLES / "demo-bench.toml"
-    code, answer = told(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
+    code, answer = answer_of(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
     assert (code, answer["slug"]) == (3, "matrix-infeasible")
     assert "p002" in answer["error"]
     assert named in answer["error"]
@@ -123,7 +123,7 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     text = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
     assert good in text
     bench.write_text(text.replace(good, absurd), encoding="utf-8")
-    code, answer = told(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
+    code, answer = answer_of(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
     assert (code, answer["slug"]) == (2, "config-absurd"), "a file that cannot be used"
     key = absurd.split(" = ")[0]
     assert any(key in problem for problem in answer["problems"]), answer["problems"]

@@ -14,7 +14,7 @@ from end_states import assert_stopped
 from watched_campaign import FINISH_S, resumed, wait_until
 
 if TYPE_CHECKING:
-    from conftest import BeginWorld, Run, Start
+    from conftest import BeginScenario, Run, Start
     from watched_campaign import Campaign, Ending
 
 
@@ -38,7 +38,7 @@ retries = 1
 
 def restarted(ending: Ending, slug: str) -> None:
     """Stopped once for this cause, reset, every proof made again, and the point repeated beside its broken attempt."""
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert ending.trips() == [(slug, "S2")]
     assert ending.verdicts() == {"p001": "valid", "p002": "valid"}
     broken = ending.point("p002")
@@ -87,8 +87,8 @@ def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run) ->
 
 
 @pytest.mark.nightly
-def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(begin_world: BeginWorld) -> None:
-    campaign = begin_world(simulator=("--fault", "ecu-crc@6.3+0.5"), matrix=POINTS, speed=2.0)
+def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(begin_scenario: BeginScenario) -> None:
+    campaign = begin_scenario(simulator=("--fault", "ecu-crc@6.3+0.5"), matrix=POINTS, speed=2.0)
     campaign.wait_for("FADE_STOP")
     campaign.send(signal.SIGINT)
     ending = campaign.finish()
@@ -119,7 +119,7 @@ def stopped_in_point_2(start: Start) -> Campaign:
             assert campaign.finish().exit_code == 4
             return campaign
         ending = campaign.finish()
-        assert ending.answer["stopped_by"] in STARVED, ending.said
+        assert ending.answer["stopped_by"] in STARVED, ending.output
     raise AssertionError(f"starved {TRIES} times")
 
 

@@ -93,7 +93,7 @@ def test_samples_that_are_no_numbers_spoil_the_point(run: Run, sensor: str) -> N
 @pytest.mark.nightly
 def test_comma_and_nan_text_are_lost_samples_of_a_line_format(run: Run) -> None:
     ending = run("sensor-nan@6.3", simulator=("--force-format", "ascii"), speed=10.0)
-    assert ending.exit_code in {4, 5}, ending.said
+    assert ending.exit_code in {4, 5}, ending.output
     assert ending.verdicts()["p002"] == "invalid"
 
 

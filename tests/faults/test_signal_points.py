@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from end_states import assert_no_current, assert_still
+from scenario_campaign import ScenarioCampaign, Setting, begin
 from watched_campaign import Ending
-from world_campaign import Setting, WorldCampaign, begin
 
 from rig.identification import identify
 from rig.recording.run import Run
@@ -65,7 +65,7 @@ def drive(folder: Path) -> Path:
     return path
 
 
-def killed_in_the_signal(campaign: WorldCampaign) -> None:
+def killed_in_the_signal(campaign: ScenarioCampaign) -> None:
     journal = campaign.folder / "journal.jsonl"
     campaign.until(lambda: '"point": "p002"' in journal.read_text(encoding="utf-8"), "the second point")
     campaign.run_on(1.2)
@@ -109,7 +109,7 @@ def test_killed_in_the_middle_it_is_resumed_from_the_kept_record_and_fitted_besi
 def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> None:
     with Stage(1, tmp_path) as stage:
         ending: Ending = begin(stage, tmp_path, setting(SWEEP, "--fault", "loadcell-pulled@2.5")).finish()
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == 4, ending.output
     assert ending.trips()[0] == ("loadcell-pulled", "S2")
     assert ending.answer["rig_state"] == "safe"
     assert ending.verdicts() == {"p001": "invalid"}

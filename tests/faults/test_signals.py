@@ -88,7 +88,7 @@ def test_a_killed_simulated_rig_is_a_rig_of_unknown_state_with_its_files_intact(
     assert (ending.folder / "truth-session1.h5.part").exists()
 
 
-def test_a_station_that_stands_still_leaves_controller_and_ecu_to_stop_by_themselves(
+def test_a_station_that_stalls_leaves_controller_and_ecu_to_stop_by_themselves(
     moving: InMotion,
 ) -> None:
     campaign = moving(seconds=1.0, matrix=LONG_SECOND_POINT)

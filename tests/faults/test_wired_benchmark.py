@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from world_campaign import simulated_rig
+from scenario_campaign import simulated_rig
 
 from rig.bench.model import Bench
 from rig.campaign.wired_benchmark import LATENCY_STEPS, RATE_Hz, WireCount, run_at, simulator_arguments

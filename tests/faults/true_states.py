@@ -44,11 +44,11 @@ class Truth:
             names = ("time", "displacement", "velocity", "force", "current", "coil_temperature", "controller_state")
             arrays = [np.asarray(data[name][:], np.float64) for name in names]
             columns = (events["time_ns"][:], events["code"][:], events["text"][:])
-            said = dict(file["entry/provenance"].attrs)
-        clocks = {name: float(value) for name, value in said.items() if name.startswith("clock_")}
+            attributes = dict(file["entry/provenance"].attrs)
+        clocks = {name: float(value) for name, value in attributes.items() if name.startswith("clock_")}
         log = []
-        for time_ns, code, said in zip(*columns, strict=True):
-            text, _, host_ns = said.decode().rpartition("; host_ns=")
+        for time_ns, code, attributes in zip(*columns, strict=True):
+            text, _, host_ns = attributes.decode().rpartition("; host_ns=")
             log.append(FaultEvent(1e-9 * float(time_ns), int(host_ns), code.decode(), text))
         return cls(*arrays, log, clocks)
 

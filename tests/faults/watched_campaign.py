@@ -33,7 +33,7 @@ class Ending:
     exit_code: int
     answer: dict[str, Any]
     folder: Path
-    said: str
+    output: str
     truth_path: Path
     stopped_from_ns: int | None = None
     """Host time of a fault injected around the process; None for one that the simulated rig logged itself."""
@@ -155,15 +155,15 @@ class Campaign:
 
     def finish(self, stopped_from_ns: int | None = None) -> Ending:
         """Wait for the end."""
-        said, errors = self.process.communicate(timeout=FINISH_S)
+        output, errors = self.process.communicate(timeout=FINISH_S)
         folders = list(self.out.iterdir())
         folder = folders[0] if folders else self.out
         truth_path = self.rigs_own_truth or folder / "truth.h5"
-        answer = json.loads(said) if said else {}
+        answer = json.loads(output) if output else {}
         return Ending(self.process.returncode, answer, folder, errors, truth_path, stopped_from_ns)
 
 
-def told(*arguments: str, env: dict[str, str] | None = None) -> tuple[int, dict[str, Any]]:
+def answer_of(*arguments: str, env: dict[str, str] | None = None) -> tuple[int, dict[str, Any]]:
     """`rig run ... --json` to its end: exit code and answer."""
     done = subprocess.run(
         [RIG, "run", "--json", *arguments], capture_output=True, text=True, timeout=FINISH_S, check=False,
@@ -174,7 +174,7 @@ def told(*arguments: str, env: dict[str, str] | None = None) -> tuple[int, dict[
 
 def resumed(folder: Path, *arguments: str) -> tuple[int, dict[str, Any]]:
     """`rig run --resume` on a campaign's directory: exit code and answer."""
-    return told("--resume", str(folder), "--no-identify", *arguments)
+    return answer_of("--resume", str(folder), "--no-identify", *arguments)
 
 
 def assert_completed(folder: Path, kept: str = "p001") -> None:

@@ -48,8 +48,8 @@ from rig.errors import FileProblem
 from rig.files.descriptions import problems_of
 from rig.matrix.model import load_matrix
 from rig.recording.conversion.conversion import finish_alone
-from rig.recording.foreign.foreign_file import Dialect
-from rig.recording.foreign_tests import WantedTests, read_tests
+from rig.recording.external_tests import ImportSettings, read_tests
+from rig.recording.file_formats.table_file import Dialect
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter, parse_journal
@@ -166,8 +166,8 @@ def fuzz_ecu(source: random.Random) -> None:
     status = driver.heard[driver.status]
     checks = FrameChecks(driver, SourceCounters())
     if len(data) == status.size and checks.step(driver.status, status, data) is not None:
-        told = DEMO_DBC.decode_message("CoilStatus", data)
-        assert math.isclose(status.reader.read(data)["measured_current"], told["Current"])
+        decoded = DEMO_DBC.decode_message("CoilStatus", data)
+        assert math.isclose(status.reader.read(data)["measured_current"], decoded["Current"])
     for sent in (data, damaged(ecu.commands(CurrentCommand(counter, True, False, current_A))[0][1], source)):
         with contextlib.suppress(RemoteProtocolError):
             ecu.command(0x120, sent)
@@ -290,7 +290,7 @@ def text_lvm(times: np.ndarray, x: np.ndarray, force: np.ndarray) -> bytes:
     return text.encode()
 
 
-def foreign_files() -> list[tuple[str, bytes, dict[str, str]]]:
+def imported_files() -> list[tuple[str, bytes, dict[str, str]]]:
     """Small files of every format that is read, each with the columns of its test."""
     from nptdms import ChannelObject, TdmsWriter
     from openpyxl import Workbook
@@ -334,26 +334,26 @@ def foreign_files() -> list[tuple[str, bytes, dict[str, str]]]:
 
 
 @cache
-def foreign_whole() -> list[tuple[str, bytes, dict[str, str]]]:
+def whole_files() -> list[tuple[str, bytes, dict[str, str]]]:
     """These files, made once; each is read before it is damaged."""
-    made = foreign_files()
+    made = imported_files()
     for name, data, columns in made:
         with file_of(data, name) as path:
-            (test,) = read_tests([path], WantedTests(columns, 0.5, dialect=Dialect(event_rows="skip")))
+            (test,) = read_tests([path], ImportSettings(columns, 0.5, dialect=Dialect(event_rows="skip")))
             assert abs(np.nanmax(test.displacement_m) - 0.02) < 1e-4
     return made
 
 
-def fuzz_foreign(source: random.Random) -> None:
+def fuzz_imported(source: random.Random) -> None:
     """Files of other programs: refused in words, or read, whatever is damaged."""
-    name, data, columns = source.choice(foreign_whole())
-    said = Dialect(
+    name, data, columns = source.choice(whole_files())
+    dialect = Dialect(
         event_rows=source.choice(("refuse", "skip", "split")), thousands=source.choice((None, "", ",", "'")),
         sheet=source.choice((None, "all")),
     )
     with file_of(damaged(data, source), name) as path, contextlib.suppress(FileProblem), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        for test in read_tests([path], WantedTests(columns, 0.5, dialect=said)):
+        for test in read_tests([path], ImportSettings(columns, 0.5, dialect=dialect)):
             assert len(test.time_s) == len(test.force_N) >= 16
             assert np.all(np.diff(test.time_s) > 0.0)
 
@@ -475,7 +475,7 @@ def _absurd(data: bytes, source: random.Random) -> bytes:
 TARGETS: dict[str, Callable[[random.Random], None]] = {
     "frame16": fuzz_frame16, "lines": fuzz_lines, "frames": fuzz_frames, "formats": fuzz_formats,
     "slcan": fuzz_slcan, "ecu": fuzz_ecu, "modbus": fuzz_modbus,
-    "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "foreign": fuzz_foreign, "hdf5": fuzz_hdf5,
+    "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "foreign": fuzz_imported, "hdf5": fuzz_hdf5,
     "hdf5-structure": fuzz_hdf5_structure, "journal": fuzz_journal,
 }  # fmt: skip
 

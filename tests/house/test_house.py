@@ -36,14 +36,14 @@ def functions() -> Iterator[tuple[str, Function]]:
 
 def imports_of(name: str, tree: ast.Module) -> set[str]:
     """Modules of the product that a module imports, wherever the import stands."""
-    wanted: set[str] = set()
+    names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            wanted |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             submodules = {f"{node.module}.{alias.name}" for alias in node.names} & modules().keys()
-            wanted |= submodules or {node.module}
-    return (wanted & modules().keys()) - {name}
+            names |= submodules or {node.module}
+    return (names & modules().keys()) - {name}
 
 
 def test_a_local_is_called_by_a_noun() -> None:
@@ -63,11 +63,11 @@ def test_imports_make_no_circle() -> None:
 
     def visit(name: str, trail: list[str]) -> None:
         state[name] = 1
-        for wanted in sorted(graph[name]):
-            if state.get(wanted) == 1:
-                circles.append([*trail[trail.index(wanted) :], wanted])
-            elif wanted not in state:
-                visit(wanted, [*trail, wanted])
+        for imported in sorted(graph[name]):
+            if state.get(imported) == 1:
+                circles.append([*trail[trail.index(imported) :], imported])
+            elif imported not in state:
+                visit(imported, [*trail, imported])
         state[name] = 2
 
     for name in graph:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from conftest import Install
 
 EXAMPLE = (Path(__file__).resolve().parents[2] / "examples" / "demo-bench.toml").read_text(encoding="utf-8")
-ASKED = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, "my_lab_cell", SampleScale())
+CONNECTION = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, "my_lab_cell", SampleScale())
 
 
 def bench(folder: Path, register_map: str = "demo", force_format: str = "frame16") -> Path:
@@ -34,7 +34,7 @@ def bench(folder: Path, register_map: str = "demo", force_format: str = "frame16
 
 
 def test_a_plug_ins_sensor_is_made_and_named_in_a_bench_file(my_lab: Path) -> None:
-    assert type(make_sensor(ASKED)).__name__ == "MyLabCell"
+    assert type(make_sensor(CONNECTION)).__name__ == "MyLabCell"
     assert "my_lab_cell" in sensor_format_names()
     assert Bench.load(bench(my_lab, force_format="my_lab_cell")).load_cell.format == "my_lab_cell"
 
@@ -122,9 +122,9 @@ def test_the_process_that_owns_the_ports_finds_a_driver_and_stays_small(my_lab: 
 
 
 def test_a_driver_that_says_what_it_works_with_is_believed(my_lab: Path, install: Install) -> None:
-    said = plugins.simulated_as(plugins.SENSORS, "my_lab_cell")
-    assert isinstance(said, dict)
-    assert said["template"] == "@{value:+08.1f}*{checksum}"
+    message = plugins.simulated_as(plugins.SENSORS, "my_lab_cell")
+    assert isinstance(message, dict)
+    assert message["template"] == "@{value:+08.1f}*{checksum}"
     assert plugins.simulated_as(plugins.SENSORS, "frame16") is None
     install("vague-lab", {"mr_rig.sensors": {"vague": "vague_lab:make"}}, "def make(c): ...\nmake.simulated_as = 7")
     with pytest.raises(BrokenPlugIn, match="simulated_as: got 7, expected a name or a line description"):

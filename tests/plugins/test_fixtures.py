@@ -69,7 +69,7 @@ def test_a_matrix_that_does_not_fit_is_refused_as_by_the_command(campaign: RunCa
         campaign(matrix=MATRIX.replace('"20 mm"', '"84 mm"').replace('"2 Hz"', '"9 Hz"'))
 
 
-def test_a_world_of_a_seed_is_judged_and_says_how_to_run_it_again(world: RunWorld) -> None:
+def test_a_scenario_of_a_seed_is_evaluated_and_says_how_to_run_it_again(world: RunWorld) -> None:
     end = world(5, "sigint@6", matrix=MATRIX)
     assert end.held, end.failed
     assert end.happenings == ("sigint@6",)

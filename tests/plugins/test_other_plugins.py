@@ -83,9 +83,9 @@ def test_names_are_listed_without_loading_and_a_broken_model_is_refused_before_a
     assert "ill_model" in dampers.MODELS
     with pytest.raises(PlugInProblem, match=r"ill-lab 1\.0 .*ill_model = ill_lab:Model.*OSError: no file"):
         dampers.model("ill_model")
-    for wanted in ("ill_model", "all"):
+    for expected in ("ill_model", "all"):
         with pytest.raises(FileProblem, match=r"identify\.model.*ill-lab 1\.0"):
-            load_matrix(matrix(folder, f'model = "{wanted}"'))
+            load_matrix(matrix(folder, f'model = "{expected}"'))
     assert dampers.model("bingham").name == "bingham"
     assert load_matrix(matrix(folder, 'model = "bingham"')).identify.model == "bingham"
 
@@ -171,7 +171,7 @@ def test_a_plug_ins_export_is_one_of_the_formats(
     assert list(EXPORTERS)[-1] == "my_lab_gnuplot"
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
+def run_rig(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
     """Exit code and JSON answer of a command."""
     code = main([*arguments, "--json"])
     return code, json.loads(capsys.readouterr().out)
@@ -180,7 +180,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]
 def test_a_fit_is_exported_as_its_values_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fit, out = tmp_path / "fit.json", tmp_path / "values"
     fit.write_text(json.dumps(FIT), encoding="utf-8")
-    code, answer = told(capsys, "export", str(fit), "--to", "json", "--out", str(out))
+    code, answer = run_rig(capsys, "export", str(fit), "--to", "json", "--out", str(out))
     assert code == 0
     assert answer["files"] == [str(out / f"{tmp_path.name}-parameters.json")]
     content = json.loads(Path(answer["files"][0]).read_text())
@@ -190,20 +190,20 @@ def test_a_fit_is_exported_as_its_values_alone(tmp_path: Path, capsys: pytest.Ca
     assert "warnings" not in content
 
 
-def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_export_of_what_is_not_there_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fit = tmp_path / "fit.json"
     fit.write_text(json.dumps(FIT), encoding="utf-8")
-    asked = ("--out", str(tmp_path / "out"))
-    code, answer = told(capsys, "export", str(fit), "--to", "xls", *asked)
+    requested = ("--out", str(tmp_path / "out"))
+    code, answer = run_rig(capsys, "export", str(fit), "--to", "xls", *requested)
     assert code == 2
     assert answer["error"] == f"export: got 'xls', expected one of {', '.join(EXPORTERS)}"
-    code, answer = told(capsys, "export", str(fit), "--to", "csv", *asked)
+    code, answer = run_rig(capsys, "export", str(fit), "--to", "csv", *requested)
     assert code == 2
     assert "specify a campaign folder" in answer["error"]
-    code, answer = told(capsys, "export", str(tmp_path), "--to", "csv", *asked)
+    code, answer = run_rig(capsys, "export", str(tmp_path), "--to", "csv", *requested)
     assert code == 2
     fit.write_text("{}", encoding="utf-8")
-    code, answer = told(capsys, "export", str(tmp_path), "--to", "json", *asked)
+    code, answer = run_rig(capsys, "export", str(tmp_path), "--to", "json", *requested)
     assert code == 2
     assert "model: is missing" in answer["error"]
     assert not (tmp_path / "out").exists()
@@ -212,7 +212,7 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
 def test_rig_plugins_lists_each_with_its_state(
     my_lab: Path, install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, answer = told(capsys, "plugins")
+    code, answer = run_rig(capsys, "plugins")
     assert code == 0
     assert [(one["kind"], one["name"], one["state"]) for one in answer["plugins"]] == [
         ("sensor", "my_lab_cell", "ok"), ("damper model", "my_lab_friction", "ok"),
@@ -223,18 +223,18 @@ def test_rig_plugins_lists_each_with_its_state(
         "sly-lab", {"mr_rig.methods": {"separable": "sly_lab:a"}, "mr_rig.damper_models": {"bingham": "sly_lab:b"},
                     "mr_rig.exports": {"lost": "sly_lab:c"}}, "",
     )  # fmt: skip
-    code, answer = told(capsys, "plugins")
+    code, answer = run_rig(capsys, "plugins")
     assert code == 2
     states = {one["name"]: one["state"] for one in answer["plugins"] if one["package"] == "sly-lab"}
     assert states == {"bingham": "shadowed", "separable": "shadowed", "lost": "broken"}
     assert main(["plugins"]) == 2
-    said = capsys.readouterr().out
-    assert "the built-in method 'separable' is used instead" in said
-    assert "has no attribute 'c'" in said
+    message = capsys.readouterr().out
+    assert "the built-in method 'separable' is used instead" in message
+    assert "has no attribute 'c'" in message
 
 
-def test_without_plug_ins_that_is_said(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_plug_ins_that_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.plugins.found", lambda group: ())
-    assert told(capsys, "plugins") == (0, {"plugins": []})
+    assert run_rig(capsys, "plugins") == (0, {"plugins": []})
     assert main(["plugins"]) == 0
     assert "no plug-ins are installed" in capsys.readouterr().out

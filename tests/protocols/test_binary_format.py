@@ -57,12 +57,12 @@ def test_a_damaged_byte_costs_its_own_frame_only(at: int, lost: bool) -> None:
 
 
 def test_frames_without_a_checksum_are_believed_where_the_next_one_follows() -> None:
-    wanted = binary(sync=[0xA5], length=3, fields={"value": {"at": 1, "type": "u16"}})
-    decoder = BinaryDecoder(wanted)
+    layout = binary(sync=[0xA5], length=3, fields={"value": {"at": 1, "type": "u16"}})
+    decoder = BinaryDecoder(layout)
     # The second byte looks like a sync; the frame that would begin there is followed by none.
     assert decoder.feed(bytes.fromhex("A5A501")) == []
     assert [r[2] for r in decoder.feed(bytes.fromhex("A50200A50300"))] == [0x01A5, 2.0, 3.0]
-    answers = BinaryDecoder(wanted, answers=True)
+    answers = BinaryDecoder(layout, answers=True)
     assert [r[2] for r in answers.feed(bytes.fromhex("A50700"))] == [7.0]
 
 
@@ -78,7 +78,7 @@ SLIP = binary(end=[0xC0], stuffing="slip", length=3, fields={"value": {"at": 0, 
 
 
 @pytest.mark.parametrize(
-    ("wanted", "stream", "values"),
+    ("layout", "stream", "values"),
     [
         (DLE, "03 1002 1010 07 1003 1002 0300 1003", [0x0710, 3.0]),
         (ESCAPE, "05 02 1002 1003 03 02 1010 00 03", [0x0302, 0x0010]),
@@ -86,15 +86,15 @@ SLIP = binary(end=[0xC0], stuffing="slip", length=3, fields={"value": {"at": 0, 
         (SLIP, "07 C0 DBDC DBDD C0 0100 C0", [0xDBC0, 1.0]),
     ],
 )
-def test_stuffed_frames_at_every_split_point(wanted: BinaryFormat, stream: str, values: list[float]) -> None:
+def test_stuffed_frames_at_every_split_point(layout: BinaryFormat, stream: str, values: list[float]) -> None:
     data = bytes.fromhex(stream)
     for at in range(len(data) + 1):
-        decoder = BinaryDecoder(wanted)
+        decoder = BinaryDecoder(layout)
         assert [r[2] for part in (data[:at], data[at:]) for r in decoder.feed(part)] == values, at
 
 
 def test_bits_orders_and_types_mean_what_they_say() -> None:
-    wanted = binary(
+    layout = binary(
         sync=[0xFF], length=10, fields={
             "value": {
                 "at": 1, "type": "u16", "order": "big", "bits": [4, 15], "signed": True, "scale": 0.5, "offset": 1.0,
@@ -107,7 +107,7 @@ def test_bits_orders_and_types_mean_what_they_say() -> None:
     # bytes 1..2 big FF E3: bits 4..15 = FFE = -2 -> 0.0, counter 3; time 0x64 = 100 ticks of 10 us
     one = bytes.fromhex("FF FFE3 00 64000000 0000")
     two = bytes.fromhex("FF 0014 00 65000000 FEFF")
-    got = BinaryDecoder(wanted).feed(one + two + one[:1])
+    got = BinaryDecoder(layout).feed(one + two + one[:1])
     assert got[0] == (3, 1000, 0.0, 0, 0)
     assert got[1][:2] == (4, 1010)
     assert got[1][3] == STATUS_OVERLOAD
@@ -115,9 +115,9 @@ def test_bits_orders_and_types_mean_what_they_say() -> None:
 
 def test_a_short_counter_goes_on_beyond_its_end() -> None:
     fields = {"value": {"at": 1, "type": "u8"}, "sequence": {"at": 2, "type": "u8"}}
-    wanted = binary(sync=[0xA5], length=3, fields=fields)
+    layout = binary(sync=[0xA5], length=3, fields=fields)
     data = b"".join(bytes([0xA5, 0, number]) for number in (254, 255, 0, 1, 4)) + b"\xa5"
-    assert [r[0] for r in BinaryDecoder(wanted).feed(data)] == [254, 255, 256, 257, 260]
+    assert [r[0] for r in BinaryDecoder(layout).feed(data)] == [254, 255, 256, 257, 260]
 
 
 PACKED = {
@@ -175,15 +175,15 @@ VALUE = {"value": {"at": 1, "type": "u16"}}
     ],
 )  # fmt: skip
 def test_a_contradictory_description_is_refused_with_its_places(table: dict[str, object], places: list[object]) -> None:
-    with pytest.raises(DescriptionProblems) as told:
+    with pytest.raises(DescriptionProblems) as caught:
         from_description(table)
-    assert [place for place, _ in told.value.problems] == places
+    assert [place for place, _ in caught.value.problems] == places
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.binary(max_size=120), st.sampled_from([binary(**PLAIN), DLE, ESCAPE, HDLC, SLIP, binary(**PACKED)]))
-def test_any_bytes_never_crash_and_every_byte_is_accounted_for(noise: bytes, wanted: BinaryFormat) -> None:
-    decoder = BinaryDecoder(wanted)
+def test_any_bytes_never_crash_and_every_byte_is_accounted_for(noise: bytes, layout: BinaryFormat) -> None:
+    decoder = BinaryDecoder(layout)
     for part in (noise[:50], noise[50:]):
         for _, _, value, status, _ in decoder.feed(part):
             assert math.isfinite(value) or status

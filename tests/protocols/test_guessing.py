@@ -106,7 +106,7 @@ def test_what_is_no_format_is_not_called_one(data: bytes) -> None:
     assert match is None or not match.believed
 
 
-def test_where_a_format_does_not_fit_is_told() -> None:
+def test_where_a_format_does_not_fit_is_reported() -> None:
     match = tried(b"12\r\n001234\r\nbad\r\n001235\r\n", "laumas-fast")
     assert [value for value, _ in match.readings] == [1234.0, 1235.0]
     assert (match.damaged, match.matched) == (1, 25 - 2 - 3)

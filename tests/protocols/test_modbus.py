@@ -47,7 +47,7 @@ def test_words_are_believed_only_whole() -> None:
             modbus.decode_words(READ, wrong, 3)
 
 
-def test_an_answer_to_a_function_nobody_knows_is_not_believed() -> None:
+def test_an_answer_to_a_function_is_unknown_is_not_believed() -> None:
     with pytest.raises(RemoteProtocolError, match="cannot be decoded"):
         modbus.decode_words(bytes.fromhex("6A 006B 0001"), bytes.fromhex("6A 02 022B"), 1)
 
@@ -79,7 +79,7 @@ def test_tcp_frames_are_cut_at_any_split_of_the_stream(transactions: list[int], 
 
 
 @pytest.mark.parametrize("header", ["0001 0001 0006 01", "0001 0000 0001 01", "0001 0000 00FF 01"])
-def test_a_stream_that_is_not_modbus_is_told(header: str) -> None:
+def test_a_stream_that_is_not_modbus_is_reported(header: str) -> None:
     frames = modbus.TcpFrames()
     frames.feed(bytes.fromhex(header))
     with pytest.raises(RemoteProtocolError, match="invalid Modbus header"):

@@ -53,12 +53,12 @@ REQUESTS = {
 
 
 def read(name: str, parts: list[bytes]) -> list[Reading]:
-    wanted = preset(name)
-    answers = bool(wanted.exchange.request)
-    if isinstance(wanted, LineFormat):
-        decoder: LineDecoder | BinaryDecoder = LineDecoder(wanted, answers=answers)
+    layout = preset(name)
+    answers = bool(layout.exchange.request)
+    if isinstance(layout, LineFormat):
+        decoder: LineDecoder | BinaryDecoder = LineDecoder(layout, answers=answers)
     else:
-        decoder = BinaryDecoder(wanted, answers=answers)
+        decoder = BinaryDecoder(layout, answers=answers)
     return [reading for part in parts for reading in decoder.feed(part)]
 
 

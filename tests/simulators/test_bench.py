@@ -34,7 +34,7 @@ def test_in_real_time_the_limits_are_the_hardwares() -> None:
 
 
 @pytest.mark.parametrize(("speed", "real_time"), [(20.0, True), (20.0, False), (1.0, False)])
-def test_without_real_time_bench_and_ecu_are_patient_alike(speed: float, real_time: bool) -> None:
+def test_without_real_time_bench_and_ecu_are_patient_identical(speed: float, real_time: bool) -> None:
     bench, command_timeout_s = limits(speed, real_time=real_time)
     stale_s = [1e-3 * float(bench[name]["stale_after"].removesuffix(" ms")) for name in ("ecu", "load_cell", "lvdt")]
     assert min(stale_s) > LONGEST_WAIT_S, "the rig's clock may stand still that long for a slow reader"

@@ -51,20 +51,20 @@ def test_driver_and_emulated_ecu_understand_each_other_in_every_profile(profile:
         on = count % 2
         data = frame.writer.write({"command": -1.5 + 0.25 * count, "enable": 2 * on, "clear_faults": on})
         frame.protection.seal(data, count)
-        asked = emulated.command(frame.identifier | 1 << 31, bytes(data))
-        assert asked is not None
-        assert asked[1:] == (bool(on), bool(on), -1.5 + 0.25 * count)
-        assert emulated.commands(asked) == [(frame.identifier | 1 << 31, bytes(data))]
+        requested = emulated.command(frame.identifier | 1 << 31, bytes(data))
+        assert requested is not None
+        assert requested[1:] == (bool(on), bool(on), -1.5 + 0.25 * count)
+        assert emulated.commands(requested) == [(frame.identifier | 1 << 31, bytes(data))]
     checks = FrameChecks(described, SourceCounters())
     status = described.heard[described.status]
     for count in range(20):
-        identifier, told = emulated.frame("DriverStatus", replace(SHOWN, device_us=5000 * count + 499))
+        identifier, frame_data = emulated.frame("DriverStatus", replace(SHOWN, device_us=5000 * count + 499))
         assert identifier == described.status
-        assert checks.step(identifier, status, told) == 1, f"frame {count}"
-        assert checks.step(identifier, status, told) is None, "the same again"
-        assert status.reader.read(told) == {"measured_current": 1.25, "state": 4, "clock": 10 * count}
+        assert checks.step(identifier, status, frame_data) == 1, f"frame {count}"
+        assert checks.step(identifier, status, frame_data) is None, "the same again"
+        assert status.reader.read(frame_data) == {"measured_current": 1.25, "state": 4, "clock": 10 * count}
     if profile not in {"none", "counter"}:
-        assert status.protection.difference(emulated.damaged((identifier, told))[1]) != 0
+        assert status.protection.difference(emulated.damaged((identifier, frame_data))[1]) != 0
         with pytest.raises(RemoteProtocolError):
             emulated.command(frame.identifier | 1 << 31, emulated.damaged((described.status, bytes(data)))[1])
 
@@ -110,17 +110,17 @@ def test_a_division_gives_the_catalogues_check_value(
 def test_pages_come_in_turn_with_faults_and_temperatures_as_the_file_says() -> None:
     emulated = EmulatedEcuFiles(DBC, ROLES).load()
     health = emulated.described.heard[emulated.described.status + 0x100]
-    told: dict[str, float] = {}
+    frame_data: dict[str, float] = {}
     pages = []
     for _ in range(3):
         shown = Shown(faults=1 << 2 | 1 << 6, coil_degC=60.0, supply_V=12.0, serial_number=9)
         data = emulated.frame("DriverHealth", shown)[1]
         pages.append(data[0])
-        told |= health.reader.read(data)
+        frame_data |= health.reader.read(data)
     assert pages == [0, 1, 2]
-    assert told["faults"] == 1 << 0 | 1 << 15, "open is bit 0, restarted bit 15"
-    assert told["coil_temperature"] == pytest.approx(60.0, abs=0.051)
-    assert (told["supply_voltage"], told["serial_number"], told["layout"]) == (12.0, 9, 3)
+    assert frame_data["faults"] == 1 << 0 | 1 << 15, "open is bit 0, restarted bit 15"
+    assert frame_data["coil_temperature"] == pytest.approx(60.0, abs=0.051)
+    assert (frame_data["supply_voltage"], frame_data["serial_number"], frame_data["layout"]) == (12.0, 9, 3)
 
 
 def test_without_a_stated_timeout_it_keeps_its_current_for_ever_and_with_one_it_does_not() -> None:
@@ -133,8 +133,10 @@ def test_without_a_stated_timeout_it_keeps_its_current_for_ever_and_with_one_it_
 def test_without_enable_and_reset_it_is_on_and_forgets_its_faults_at_0_A() -> None:
     roles = {"command": "DriverCommand.Target", "measured_current": "DriverStatus.Actual"}
     emulated = EmulatedEcuFiles(DBC, roles).load()
-    asked = [emulated.command(*emulated.commands(Command(-1, True, False, current_A))[0]) for current_A in (1.0, 0.0)]
-    assert asked == [Command(-1, True, False, 1.0), Command(-1, True, True, 0.0)]
+    requested = [
+        emulated.command(*emulated.commands(Command(-1, True, False, current_A))[0]) for current_A in (1.0, 0.0)
+    ]
+    assert requested == [Command(-1, True, False, 1.0), Command(-1, True, True, 0.0)]
 
 
 def test_a_wrong_data_id_is_named_and_other_damage_is_not_taken_for_it() -> None:
@@ -145,8 +147,8 @@ def test_a_wrong_data_id_is_named_and_other_damage_is_not_taken_for_it() -> None
     for described, slug in ((wrong, "e2e-data-id"), (ours.described, "ecu-crc"), (theirs.described, "")):
         checks = FrameChecks(described, SourceCounters())
         for count in range(20):
-            identifier, told = theirs.frame("DriverStatus", Shown(2, 0.1 * count))
-            checks.step(identifier, described.heard[identifier], told)
+            identifier, frame_data = theirs.frame("DriverStatus", Shown(2, 0.1 * count))
+            checks.step(identifier, described.heard[identifier], frame_data)
         assert checks.refusal()[0] == slug
     checks = FrameChecks(wrong, SourceCounters())
     for _ in range(4):

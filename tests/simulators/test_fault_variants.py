@@ -75,7 +75,7 @@ def test_an_unknown_variant_says_which_there_are(text: str, message: str) -> Non
         parse_fault(text)
 
 
-def test_variants_are_drawn_too_and_told_in_their_own_words() -> None:
+def test_variants_are_drawn_too_and_reported_in_their_own_words() -> None:
     drawn = {fault.name for seed in range(3000) for fault in drawn_faults(seed, frozenset({"tcp", "by-id"}))}
     assert set(VARIANTS) - drawn == {"loadcell-pulled:auxiliary"}
     for seed in range(200):

@@ -55,7 +55,7 @@ def test_a_fault_brings_the_wires_it_needs(slugs: list[str], wiring: Wiring) -> 
     [(["rtu-stale"], "tcp", None, "--actuator rtu"), (["modbus-reset"], "rtu", None, "--actuator tcp"),
      (["modbus-reset", "rtu-crc"], None, None, "'modbus-reset' .*tcp.*rtu"), (["usb-renumber"], None, "pty", "by-id")],
 )  # fmt: skip
-def test_a_fault_that_cannot_happen_on_the_wires_asked_for_is_refused(
+def test_a_fault_that_cannot_happen_on_the_wires_requested_is_refused(
     slugs: list[str], actuator: str | None, ports: str | None, message: str
 ) -> None:
     with pytest.raises(FileProblem, match=message):
@@ -236,7 +236,7 @@ def test_malformed_frames_are_short_remote_or_extended_and_none_is_right() -> No
     on_a_rig(story)
 
 
-def test_bus_off_is_told_by_the_adapter_and_then_nothing_passes() -> None:
+def test_bus_off_is_reported_by_the_adapter_and_then_nothing_passes() -> None:
     def story(rig: SimulatedRig) -> None:
         got = bus_lines(rig)
         INJECTORS["can-busoff"](rig)
@@ -263,7 +263,7 @@ def test_a_babbling_node_fills_most_of_the_bus() -> None:
     on_a_rig(story)
 
 
-def test_a_foreign_sender_commands_with_valid_counters_and_checks() -> None:
+def test_a_other_sender_commands_with_valid_counters_and_checks() -> None:
     def story(rig: SimulatedRig) -> None:
         got = bus_lines(rig)
         INJECTORS["can-foreign"](rig)

@@ -88,7 +88,7 @@ def test_the_position_loop_believes_its_own_sensor(make_bench: Callable[..., Ben
     assert bench.status().servo_error_m == pytest.approx(0.0, abs=60e-6)
 
 
-def status_of(*assignments: str, wanted_A: float) -> tuple[float, float, float]:
+def status_of(*assignments: str, target_A: float) -> tuple[float, float, float]:
     """True current (A), reported current (A) and reported coil temperature (degC) a second after a command."""
     options = RigOptions()
     for assignment in assignments:
@@ -98,7 +98,7 @@ def status_of(*assignments: str, wanted_A: float) -> tuple[float, float, float]:
     counter, sent = 0, []
     for _ in range(100):
         counter = (counter + 1) % 15
-        ecu.receive(wire.COMMAND_ID, wire.encode(wire.CoilCommand(counter, True, True, wanted_A)))
+        ecu.receive(wire.COMMAND_ID, wire.encode(wire.CoilCommand(counter, True, True, target_A)))
         ecu.tick(plant.time_s)
         plant.advance(80)
         sent += ecu.frames()
@@ -109,16 +109,16 @@ def status_of(*assignments: str, wanted_A: float) -> tuple[float, float, float]:
 
 def test_an_ecu_regulates_on_its_own_wrong_measurement() -> None:
     wrong = ("coil.current_offset_A=0.1", "coil.current_gain=1.05")
-    true_A, reported_A, _ = status_of(*wrong, wanted_A=1.0)
+    true_A, reported_A, _ = status_of(*wrong, target_A=1.0)
     assert reported_A == pytest.approx(1.0, abs=2e-3)
     assert true_A == pytest.approx((1.0 - 0.1) / 1.05, abs=1e-6)
-    true_A, reported_A, _ = status_of(*wrong, wanted_A=0.0)
+    true_A, reported_A, _ = status_of(*wrong, target_A=0.0)
     assert true_A == 0.0
     assert reported_A == pytest.approx(0.1, abs=2e-3)
 
 
 def test_the_coils_sensor_shows_the_coil_and_its_error() -> None:
-    assert status_of("damper.start_degC=40", wanted_A=0.0)[2] == pytest.approx(40.0, abs=0.2)
-    assert status_of("damper.start_degC=40", "coil.temperature_offset_K=-12", wanted_A=0.0)[2] == pytest.approx(
+    assert status_of("damper.start_degC=40", target_A=0.0)[2] == pytest.approx(40.0, abs=0.2)
+    assert status_of("damper.start_degC=40", "coil.temperature_offset_K=-12", target_A=0.0)[2] == pytest.approx(
         28.0, abs=0.2
     )

@@ -45,19 +45,19 @@ DESCRIBED: list[dict[str, object]] = [
 ]  # fmt: skip
 
 
-def heard(wanted: SensorFormat, data: bytes) -> tuple[list[Reading], int]:
+def heard(layout: SensorFormat, data: bytes) -> tuple[list[Reading], int]:
     """Readings of a stream, and how many lines or frames were damaged."""
-    decoder = LineDecoder(wanted) if isinstance(wanted, LineFormat) else BinaryDecoder(wanted)
+    decoder = LineDecoder(layout) if isinstance(layout, LineFormat) else BinaryDecoder(layout)
     return decoder.feed(data), decoder.bad_frames
 
 
 @pytest.mark.parametrize("table", [*({"base": name} for name in TABLES), *DESCRIBED])
 def test_a_sensor_of_any_format_is_heard(table: dict[str, object]) -> None:
-    wanted = from_description(table)
-    low, high = span_of(wanted)
+    layout = from_description(table)
+    low, high = span_of(layout)
     zero = 0.0 if low < 0.0 else 0.5 * (low + high)
     options = SensorOptions(
-        rate_Hz=100.0, format=wanted, range=min(90.0, high - zero), wire_zero=zero, noise=0.0, resolution=0.0,
+        rate_Hz=100.0, format=layout, range=min(90.0, high - zero), wire_zero=zero, noise=0.0, resolution=0.0,
         jitter_s=0.0,
     )  # fmt: skip
     sensor = Sensor(options, DeviceClock(0.0, 0.0), np.random.default_rng(1), 0.0)
@@ -66,7 +66,7 @@ def test_a_sensor_of_any_format_is_heard(table: dict[str, object]) -> None:
         if sensor.requests is not None:
             sensor.requests.append(math.nan)
         data += sensor.sample(np.full(80, 42.0), 0.01 * step, 1.25e-4, [])
-    readings, damaged = heard(wanted, data)
+    readings, damaged = heard(layout, data)
     assert len(readings) > 50
     assert damaged == 0
     # A stream of an even count of numbers has its middle between two of them.
@@ -77,30 +77,30 @@ def test_a_sensor_of_any_format_is_heard(table: dict[str, object]) -> None:
 @pytest.mark.parametrize("table", DESCRIBED)
 @pytest.mark.parametrize("value", [-77.0, -1.0, 0.0, 2.0, 16.0])
 def test_numbers_of_either_sign_come_back(table: dict[str, object], value: float) -> None:
-    wanted = from_description(table)
-    write = writer(wanted, -90.0, 90.0)
+    layout = from_description(table)
+    write = writer(layout, -90.0, 90.0)
     none = np.zeros(3, np.int64)
     data = write.joined(write(np.full(3, value), none.astype(np.uint8), np.arange(3), none))
-    assert [reading[2] for reading in heard(wanted, data)[0]][-1] == pytest.approx(value)
+    assert [reading[2] for reading in heard(layout, data)[0]][-1] == pytest.approx(value)
 
 
 def test_an_overload_and_a_fault_are_written_in_the_device_s_words() -> None:
     for table in (CUSTOM, DESCRIBED[0], DESCRIBED[8]):
-        wanted = from_description(table)
-        write = writer(wanted, -500.0, 500.0)
+        layout = from_description(table)
+        write = writer(layout, -500.0, 500.0)
         status = np.array([0, STATUS_OVERLOAD, 0, STATUS_SENSOR_FAULT, 0], np.uint8)
         count = np.arange(5)
         data = write.joined(write(np.array([1.5, 500.0, -3.25, 1.0, 2.0]), status, count, count))
-        got = [status for _, _, _, status, _ in heard(wanted, b"\r\n" + data)[0]]
+        got = [status for _, _, _, status, _ in heard(layout, b"\r\n" + data)[0]]
         fault = STATUS_SENSOR_FAULT if table is DESCRIBED[8] else STATUS_OVERLOAD
         assert got == [0, STATUS_OVERLOAD, 0, fault, 0]
 
 
 def test_what_a_format_has_no_word_for_is_no_reading() -> None:
-    wanted = preset("flintec")
-    write = writer(wanted, -90.0, 90.0)
+    layout = preset("flintec")
+    write = writer(layout, -90.0, 90.0)
     lines = write(np.array([math.nan, 1.0]), np.array([STATUS_OVERLOAD, 0], np.uint8), np.arange(2), np.arange(2))
-    readings, damaged = heard(wanted, b"x\r\n" + lines.tobytes())
+    readings, damaged = heard(layout, b"x\r\n" + lines.tobytes())
     assert (len(readings), damaged) == (1, 1)
 
 

@@ -117,12 +117,12 @@ def test_stale_answers_come_now_and_then_after_the_time_out() -> None:
 
 def test_damaged_frames_are_cut_lengthened_and_flipped_in_turn() -> None:
     def host(link: ModbusLink) -> set[str]:
-        said = set()
+        message = set()
         for _ in range(6):
             with pytest.raises(WrongAnswer) as caught:
                 link.read(0, 2)
-            said |= {word for word in ("truncated", "extra bytes", "checksum") if word in str(caught.value)}
-        return said
+            message |= {word for word in ("truncated", "extra bytes", "checksum") if word in str(caught.value)}
+        return message
 
     assert seen_by_a_host("rtu-crc", host, "rtu") == {"truncated", "extra bytes", "checksum"}
 

@@ -166,7 +166,7 @@ def test_a_rod_at_rest_is_at_rest_within_the_valves_overlap(bench: Bench, curren
     assert abs(rows[-1, PISTON]) < 50e-6
 
 
-def test_an_infinitely_stiff_loop_moves_alike_at_every_current(make_bench: Callable[..., Bench]) -> None:
+def test_an_infinitely_stiff_loop_moves_identical_at_every_current(make_bench: Callable[..., Bench]) -> None:
     motions = []
     for current_A in (0.0, 2.0):
         bench = make_bench(*UNLOADED).ready()

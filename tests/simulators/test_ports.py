@@ -23,9 +23,9 @@ def frames(first: int, count: int) -> bytes:
     return b"".join(i.to_bytes(FRAME, "big") for i in range(first, first + count))
 
 
-def read_all(descriptor: int, wanted: int) -> bytes:
+def read_all(descriptor: int, count: int) -> bytes:
     data = b""
-    while len(data) < wanted and select.select([descriptor], [], [], 2.0)[0]:
+    while len(data) < count and select.select([descriptor], [], [], 2.0)[0]:
         data += os.read(descriptor, 65536)
     return data
 

@@ -115,7 +115,7 @@ def test_the_first_line_is_a_bench_file_that_loads_and_every_socket_is_open(star
 
 
 @pytest.mark.nightly
-def test_a_program_run_by_a_foreign_modbus_client_is_in_the_truth(start: Callable[..., Process]) -> None:
+def test_a_program_run_by_a_third_party_modbus_client_is_in_the_truth(start: Callable[..., Process]) -> None:
     process = start("--speed", "10")
     process.pass_time()
     process.ready()
@@ -314,12 +314,12 @@ def test_ctrl_c_the_moment_its_first_line_is_there_ends_it_cleanly_too(tmp_path:
     os.set_blocking(write_end, True)
     with subprocess.Popen(
         [*COMMAND, "--truth", str(truth)], stdout=subprocess.PIPE, stderr=write_end, text=True
-    ) as process, open(read_end, "rb") as said:
+    ) as process, open(read_end, "rb") as output:
         os.close(write_end)
         assert process.stdout is not None
         assert process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        while said.read(4096):
+        while output.read(4096):
             pass
         process.wait(timeout=30)
     assert process.returncode == 0

@@ -36,14 +36,14 @@ def test_a_seed_draws_the_same_few_faults_each_time_and_they_can_be_written(seed
         assert math.isinf(fault.lasts_s) or (fault.slug in PASSING and 0.0 < fault.lasts_s <= 2.0)
 
 
-@pytest.mark.parametrize(("kinds", "foreign"), [
+@pytest.mark.parametrize(("kinds", "excluded"), [
     (TCP, {"rtu", "by-id", "setpoints"}), (RTU_BY_ID, {"tcp", "setpoints"}), (STREAMED, {"rtu", "by-id"}),
 ])
 def test_every_fault_of_the_rig_is_drawn_sooner_or_later_and_none_of_another_kind(
-    kinds: frozenset[str], foreign: set[str]
+    kinds: frozenset[str], excluded: set[str]
 ) -> None:
     drawn = {fault.slug for seed in range(1500) for fault in drawn_faults(seed, kinds)}
-    assert drawn == {slug for slug in INJECTORS if ONLY_ON.get(slug) not in foreign} - ONLY_BY_SUPPLY
+    assert drawn == {slug for slug in INJECTORS if ONLY_ON.get(slug) not in excluded} - ONLY_BY_SUPPLY
 
 
 def test_a_fault_that_cannot_be_taken_away_refuses_an_end() -> None:

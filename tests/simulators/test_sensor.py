@@ -226,7 +226,7 @@ def test_an_undeclared_skew_delays_the_quantity_and_not_its_stamp() -> None:
     assert plain[2] - late[2] == pytest.approx(2.03, abs=1e-2)
 
 
-def test_an_amplifier_clips_without_saying_so() -> None:
+def test_an_amplifier_clips_without_remark_so() -> None:
     readings, _ = decode(run(sensor(clip=50.0), np.full(8_000, 80.0))[0])
     assert readings[-1][2] == pytest.approx(50.0)
     assert readings[-1][3] & frame_format.STATUS_OVERLOAD == 0

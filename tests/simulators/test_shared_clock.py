@@ -55,9 +55,9 @@ def written(tmp_path: Path) -> Iterator[SharedClock]:
     kept.close()
 
 
-def state(process: subprocess.Popen[bytes], wanted: str) -> None:
+def state(process: subprocess.Popen[bytes], expected: str) -> None:
     """Wait until a process is in a state."""
-    while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != wanted:
+    while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != expected:
         time.sleep(0.001)
 
 
@@ -208,7 +208,7 @@ def test_after_a_campaign_the_process_has_the_time_that_it_had_before(written: S
         assert abs(clock.monotonic_ns() - time.monotonic_ns()) < SECOND
 
 
-def test_no_other_device_is_judged_by_a_clock_that_waits(written: SharedClock, tmp_path: Path) -> None:
+def test_no_other_device_is_evaluated_by_a_clock_that_waits(written: SharedClock, tmp_path: Path) -> None:
     path = tmp_path / "clock"
     with pytest.raises(ClockRefused, match="/dev/ttyUSB0"):
         clock.follow(str(path), Role.STATION, [*MINE, "/dev/ttyUSB0"])

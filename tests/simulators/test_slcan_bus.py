@@ -90,7 +90,7 @@ def test_a_silent_bus_passes_nothing_while_sending_seems_to_succeed() -> None:
     on_a_bus(story)
 
 
-def test_a_client_that_does_not_read_loses_frames_and_holds_nobody_up() -> None:
+def test_a_client_that_does_not_read_loses_frames_and_does_not_block() -> None:
     async def story(bus: SlcanBus, heard: Heard) -> None:
         _, deaf = await client(bus, b"O")
         deaf.transport.pause_reading()  # type: ignore[attr-defined]  # a stream's transport is a read transport
@@ -114,7 +114,7 @@ def test_a_client_that_does_not_read_loses_frames_and_holds_nobody_up() -> None:
         (b"t1202A B", False), (b"", False),
     ],
 )
-def test_malformed_lines_are_told_from_frames(line: bytes, fits: bool) -> None:
+def test_malformed_lines_are_distinguished_from_frames(line: bytes, fits: bool) -> None:
     assert well_formed(line) is fits
 
 

@@ -126,16 +126,17 @@ def test_every_preset_is_spoken_by_the_simulated_supply(name: str) -> None:
     source, described = simulated_supply(ecu, name, 7), supply(name)
     assert source is not None
     commands = described.commands
-    told = (*commands.connect, *commands.remote, *commands.prepare, *commands.clear, *commands.set_voltage_limit,
+    commands_sent = (*commands.connect, *commands.remote, *commands.prepare, *commands.clear,
+            *commands.set_voltage_limit,
             *commands.set_current, *commands.output_on)  # fmt: skip
-    assert [source.line(command.line(1.0, 5.0).decode()) for command in told] == [None] * len(told)
+    assert [source.line(command.line(1.0, 5.0).decode()) for command in commands_sent] == [None] * len(commands_sent)
     assert (source.current_A, source.limit_V, source.on) == (1.0, 5.0, True)
-    asked = {
+    queries = {
         field: source.line(command.text) or ""
         for field in ("identify", "measure_current", "read_output", "error_queue")
         for command in getattr(commands, field)
     }
-    assert described.identity is None or described.identity.search(asked["identify"])
-    assert number_in(asked["measure_current"], described.current) == pytest.approx(0.0, abs=0.02)
-    assert asked["read_output"] in described.on
-    assert described.no_error.search(asked.get("error_queue", "0"))
+    assert described.identity is None or described.identity.search(queries["identify"])
+    assert number_in(queries["measure_current"], described.current) == pytest.approx(0.0, abs=0.02)
+    assert queries["read_output"] in described.on
+    assert described.no_error.search(queries.get("error_queue", "0"))

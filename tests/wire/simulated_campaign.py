@@ -11,8 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from scenario_campaign import Handle, ScenarioCampaign, Setting, begin, serve
 from true_states import Truth
-from world_campaign import Handle, Setting, WorldCampaign, begin, serve
 
 from rig.campaign import CampaignOptions
 from rig.cli import words
@@ -29,10 +29,10 @@ class Ended:
     """How a session of a campaign ended; `told` lines of the journal are of the sessions before it."""
 
     exit_code: int
-    said: str
+    output: str
     answer: dict[str, Any]
     truth_path: Path
-    told: int = 0
+    seen_lines: int = 0
 
     @property
     def folder(self) -> Path:
@@ -41,7 +41,7 @@ class Ended:
     @cached_property
     def story(self) -> list[dict[str, Any]]:
         """What the campaign's journal says of this session; empty when it did not come to one."""
-        return read_log(self.folder)[self.told :] if "campaign" in self.answer else []
+        return read_log(self.folder)[self.seen_lines :] if "campaign" in self.answer else []
 
     @cached_property
     def run(self) -> Run:
@@ -69,23 +69,23 @@ class Ended:
 class Session:
     """One run of the application; a resumed campaign has several."""
 
-    campaign: WorldCampaign
-    told: int = 0
+    campaign: ScenarioCampaign
+    seen_lines: int = 0
 
     def until(self, true: Callable[[dict[str, Any]], bool]) -> None:
         """Let it go on to a line of its journal."""
         size = 0
 
-        def said() -> bool:
+        def has_event() -> bool:
             nonlocal size
             grown = [path for path in self.campaign.out.glob("*/journal.jsonl") if path.stat().st_size > size]
             if not grown:
                 assert self.campaign.process.poll() is None, "it ended without that line"
                 return False
             size = grown[0].stat().st_size
-            return any(true(line) for line in read_log(grown[0].parent)[self.told :])
+            return any(true(line) for line in read_log(grown[0].parent)[self.seen_lines :])
 
-        self.campaign.until(said, "that line of the journal")
+        self.campaign.until(has_event, "that line of the journal")
 
     def interrupt(self) -> None:
         """Ctrl-C."""
@@ -100,7 +100,7 @@ class Session:
         else:
             failed = {"error": words.error_words(ran.answer)} if ran.answer.detail else {}
             answer = {**ending.answer, **failed}
-        return Ended(ending.exit_code, ending.said, answer, ending.truth_path, self.told)
+        return Ended(ending.exit_code, ending.output, answer, ending.truth_path, self.seen_lines)
 
     def resumed(self, folder: Path, requalified: str = "") -> Session:
         """The same campaign taken up again on a rig as new, without faults."""
@@ -116,14 +116,14 @@ class Session:
 
 def _resumed(stage: Stage, folder: Path, setting: Setting, truth: Path, requalified: str = "") -> Session:
     """A session that takes up the campaign in `folder`."""
-    told = len(read_log(folder))
+    seen_lines = len(read_log(folder))
     bench = serve(stage, stage.root, setting, truth)
-    asked = CampaignOptions(
+    options = CampaignOptions(
         folder / "matrix.toml", folder.parent, bench_path=bench, resume_path=folder, requalified=requalified
     )
-    application = Application(stage, asked, Silent())
+    application = Application(stage, options, Silent())
     handle: Any = Handle(stage, application.process)
-    return Session(WorldCampaign(handle, folder.parent, truth, stage, application, setting), told)
+    return Session(ScenarioCampaign(handle, folder.parent, truth, stage, application, setting), seen_lines)
 
 
 @contextmanager

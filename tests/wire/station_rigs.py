@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from matrices import matrix_text
+from scenario_campaign import simulated_rig
 from true_states import Truth
-from world_campaign import simulated_rig
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -64,8 +64,8 @@ class StationRig:
             lasts = left_s > 0 and self.client.alive
             came = self.client.events(timeout_s=min(left_s, 0.2)) if lasts else self.client.events()
             self.seen += came
-            said = f"no event {name!r} within {timeout_s} s; seen: {self.seen}; log: {self.log()}"
-            assert lasts or any(event["event"] == name for event in came), said
+            message = f"no event {name!r} within {timeout_s} s; seen: {self.seen}; log: {self.log()}"
+            assert lasts or any(event["event"] == name for event in came), message
 
     def log(self) -> str:
         """The end of the station's log."""
@@ -159,7 +159,7 @@ class Inside:
         return lambda *given, **named: self._inside(lambda: value(*given, **named))
 
 
-class WorldStationRig(StationRig):
+class ScenarioStationRig(StationRig):
     """Station, devices and the test's own application in one process and in virtual time."""
 
     def __init__(self, folder: Path, speed: float, arguments: tuple[str, ...], **changes: Change) -> None:

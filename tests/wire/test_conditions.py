@@ -83,7 +83,7 @@ def test_a_resumed_campaign_warms_its_damper_again_before_it_measures(sessions: 
         assert quality["coil_temperature_high_degC"] <= HIGH_DEGC + 0.2
 
 
-def test_what_the_machine_cannot_do_is_said_with_the_reason_and_is_not_valid(sessions: TwoSessions) -> None:
+def test_what_the_machine_cannot_do_is_reported_with_the_reason_and_is_not_valid(sessions: TwoSessions) -> None:
     assert sessions.resumed.exit_code == 5
     beyond = sessions.point("p003")
     assert beyond["verdict"] != "valid"

@@ -66,7 +66,7 @@ def test_it_is_resumed_to_its_end(earlier: Path, name: str) -> None:
     begun = json.loads((folder / "campaign.json").read_text(encoding="utf-8"))["simulated"]
     with taken_up(earlier, folder, begun["speed"], begun["seed"]) as session:
         ended = session.end()
-    assert ended.exit_code == 0, ended.said
+    assert ended.exit_code == 0, ended.output
     assert [(point["id"], point["verdict"]) for point in ended.answer["points"]] == [
         ("p001", "valid"), ("p002", "valid"), ("p003", "valid"), ("p004", "valid")
     ]  # fmt: skip

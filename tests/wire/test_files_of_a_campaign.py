@@ -46,10 +46,10 @@ def test_points_whose_names_begin_like_others_are_all_valid_and_all_there(
     tmp_path: Path, ids: list[str], seed: int
 ) -> None:
     ended = simulated(tmp_path, matrix_of(ids, seed=seed))
-    assert ended.exit_code == 0, ended.said
-    wanted = {name if repeat == 1 else f"{name}-{repeat}" for name in ids for repeat in (1, 2, 3)}
-    assert {point["id"]: point["verdict"] for point in ended.answer["points"]} == dict.fromkeys(wanted, "valid")
-    assert {point.id for point in ended.run.valid} == wanted
+    assert ended.exit_code == 0, ended.output
+    expected = {name if repeat == 1 else f"{name}-{repeat}" for name in ids for repeat in (1, 2, 3)}
+    assert {point["id"]: point["verdict"] for point in ended.answer["points"]} == dict.fromkeys(expected, "valid")
+    assert {point.id for point in ended.run.valid} == expected
     assert not [path.name for path in (ended.folder / "points").iterdir() if path.suffix != ".h5"]
 
 

@@ -24,7 +24,7 @@ COVERING = 4.0
 def lagging(tmp_path_factory: pytest.TempPathFactory) -> Ended:
     settings = options(f"load_cell.skew_s={LAG_S}", "load_cell.clock_ppm=300")
     ended = simulated(tmp_path_factory.mktemp("lagging"), MATRIX, *settings, speed=4.0, seed=11)
-    assert ended.exit_code == 0, ended.said[-3000:]
+    assert ended.exit_code == 0, ended.output[-3000:]
     return ended
 
 
@@ -41,8 +41,8 @@ def test_every_points_skew_is_what_was_set_as_far_as_it_is_known(lagging: Ended)
     for point in lagging.run.points:
         assert abs(point.skew_s - LAG_S) < COVERING * point.skew_std_s, point.id
         assert point.skew_std_s < 0.5e-3
-    said = [point["quality"]["skew_s"] for point in lagging.answer["points"]]
-    assert said == [point.skew_s for point in lagging.run.points]
+    skews = [point["quality"]["skew_s"] for point in lagging.answer["points"]]
+    assert skews == [point.skew_s for point in lagging.run.points]
 
 
 def test_all_points_together_know_it_better(lagging: Ended) -> None:
@@ -56,10 +56,10 @@ def test_all_points_together_know_it_better(lagging: Ended) -> None:
 
 
 def test_the_drift_of_the_load_cells_clock_is_stated_with_its_uncertainty(lagging: Ended) -> None:
-    wanted_ppm = 300.0 - lagging.truth.clocks["clock_ppm_controller"]
+    true_ppm = 300.0 - lagging.truth.clocks["clock_ppm_controller"]
     for point in lagging.run.points:
         std_ppm = point.quality.force.clock_drift_std_ppm or 0.0
-        assert abs((point.quality.force.clock_drift_ppm or 0.0) - wanted_ppm) < 3.0 * std_ppm + 0.1, point.id
+        assert abs((point.quality.force.clock_drift_ppm or 0.0) - true_ppm) < 3.0 * std_ppm + 0.1, point.id
         assert std_ppm < 5.0
 
 

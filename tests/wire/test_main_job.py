@@ -153,7 +153,7 @@ def test_the_current_is_there_before_the_motion_and_gone_after_it(job: Job) -> N
         assert np.abs(truth.current_A[end:start]).min() < 0.025
 
 
-def test_the_rod_rests_at_mid_stroke_between_points_for_the_rest_asked_for(job: Job) -> None:
+def test_the_rod_rests_at_mid_stroke_between_points_for_the_rest_requested(job: Job) -> None:
     truth, runs = job.truth, job.truth.runs()
     for earlier, later in pairwise(runs):
         assert truth.time_s[later.start] - truth.time_s[earlier.stop] >= 2.0

@@ -102,7 +102,7 @@ def test_ctrl_c_before_the_rig_is_armed_moves_nothing(job: Session) -> None:
     ended = job.end()
     assert ended.exit_code == 4
     assert np.ptp(ended.truth.displacement_m) < 1e-6
-    assert "START" not in [happening.code for happening in ended.truth.log]
+    assert "START" not in [entry.code for entry in ended.truth.log]
 
 
 def test_a_killed_station_leaves_the_rig_to_its_dead_men_and_exits_with_state_unknown(job: Session) -> None:
@@ -111,7 +111,7 @@ def test_a_killed_station_leaves_the_rig_to_its_dead_men_and_exits_with_state_un
     ended = job.end()
     assert ended.exit_code == 7
     truth = ended.truth
-    starved = [happening.time_s for happening in truth.all("TRIP", text="WATCHDOG")]
+    starved = [entry.time_s for entry in truth.all("TRIP", text="WATCHDOG")]
     assert len(starved) == 2, "once in the preflight, once now"
     assert_stopped(truth, starved[1])
     assert_no_current(truth, truth.first("ECU_FAULT", text="COMMAND_TIMEOUT").time_s)

@@ -60,18 +60,18 @@ class RunningCampaign:
         )
         self.url = ""
         self._known = threading.Event()
-        self.said: list[str] = []
+        self.lines: list[str] = []
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
         for line in self.process.stderr or ():
-            self.said.append(line)
+            self.lines.append(line)
             if line.startswith("page: "):
                 self.url = line.removeprefix("page: ").strip()
                 self._known.set()
 
     def opened(self) -> str:
-        assert self._known.wait(WAIT_MS / 1e3), self.said
+        assert self._known.wait(WAIT_MS / 1e3), self.lines
         return self.url
 
     def result(self) -> dict[str, Any]:

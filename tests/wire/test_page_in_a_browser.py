@@ -18,7 +18,7 @@ import pytest
 from test_page import ARGUMENTS, CHROMIUM, COUNT_INK, WAIT_MS
 
 from drivers.ring import Record, RingWriter
-from rig.campaign.live_link import Asked, LiveLink
+from rig.campaign.live_link import LiveLink, Request
 from rig.campaign.results import PointResult
 from rig.clock import monotonic_ns
 from rig.page.settings import PageSettings
@@ -61,7 +61,7 @@ class Beside:
         self.live.callback(self.link.close)
         self.log = CampaignLog(self.run)
         ends.callback(self.log.close)
-        self.live.enter_context(self.link.told_of(self.log))
+        self.live.enter_context(self.link.following(self.log))
         motion = {"waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 2.0, "current_A": 1.0, "cycles": 10}
         points = [{"id": f"p00{number}", **motion} for number in range(1, 7)]
         replace_json(self.link.folder / "plan.json", {"specimen": HOSTILE, "bench": HOSTILE, "points": points})
@@ -91,7 +91,7 @@ class Beside:
         self._fed.set()
         self._feeder.join()
 
-    def judged(self, verdicts: dict[str, str]) -> tuple[PointResult, ...]:
+    def results_of(self, verdicts: dict[str, str]) -> tuple[PointResult, ...]:
         return tuple(
             PointResult(
                 TestPoint(name, "sine", 0.05, 2.0, 1.0), None, verdict, () if verdict == "valid" else (HOSTILE,)
@@ -99,7 +99,7 @@ class Beside:
             for name, verdict in verdicts.items()
         )
 
-    def wish(self, do: Asked) -> str:
+    def wish(self, do: Request) -> str:
         """Who asks for this next; whatever else is asked for before fails."""
         end_s = time.monotonic() + 60.0
         while time.monotonic() < end_s:
@@ -140,16 +140,16 @@ def tabbed_to(page: Page, name: str, key: str = "Tab") -> None:
 
 def walk_with_tab(page: Page) -> None:
     """Tab goes to everything that can be pressed or typed into, is seen where it is, and comes round."""
-    wanted = page.evaluate(FOCUSABLE)
+    focusable = page.evaluate(FOCUSABLE)
     met: list[str] = []
-    while met.count(wanted[0]) < 2 and len(met) <= 2 * len(wanted):
+    while met.count(focusable[0]) < 2 and len(met) <= 2 * len(focusable):
         page.keyboard.press("Tab")
         name, width, style, inside = page.evaluate(FOCUS)
-        if name in wanted:
+        if name in focusable:
             assert (width >= 2.0, style, inside) == (True, "solid", True), name
             met.append(name)
-    assert set(met) == set(wanted)
-    assert met.count(wanted[0]) >= 2, "it comes round"
+    assert set(met) == set(focusable)
+    assert met.count(focusable[0]) >= 2, "it comes round"
 
 
 def command_by_keyboard(beside: Beside, page: Page) -> None:
@@ -159,7 +159,7 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     page.wait_for_function("document.getElementById('standing').textContent === 'You have control, Ada s.'")
     tabbed_to(page, "pause")
     page.keyboard.press("Space")
-    assert beside.wish(Asked.PAUSE) == "Ada s"
+    assert beside.wish(Request.PAUSE) == "Ada s"
     tabbed_to(page, "note")
     page.keyboard.type("s oil is warm")
     tabbed_to(page, "keep")
@@ -173,8 +173,8 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     assert page.evaluate(FOCUS)[0] == "sample-gap", "back to where it was"
     beside.link.ask_current(0.5)
     why = "document.getElementById('why').textContent"
-    said = "invalid points: p003; to do: set the supply to 0.50 A, then confirm"
-    page.wait_for_function(f"{why} === '{said}'", timeout=WAIT_MS)
+    message = "invalid points: p003; to do: set the supply to 0.50 A, then confirm"
+    page.wait_for_function(f"{why} === '{message}'", timeout=WAIT_MS)
     tabbed_to(page, "set", "Shift+Tab")
     page.keyboard.press("Enter")
     end_s = time.monotonic() + 60.0
@@ -185,7 +185,7 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     beside.link.forget_question()
     tabbed_to(page, "stop", "Shift+Tab")
     page.keyboard.press("Enter")
-    assert beside.wish(Asked.STOP) == "Ada s"
+    assert beside.wish(Request.STOP) == "Ada s"
 
 
 def stop_and_go_on(beside: Beside, page: Page) -> None:
@@ -212,7 +212,7 @@ def lose_the_page(beside: Beside, page: Page) -> None:
     page.keyboard.press("s")
     says(page, "STOP NOT SENT")
     os.kill(beside.page.pid, signal.SIGCONT)
-    beside.wish(Asked.STOP)
+    beside.wish(Request.STOP)
 
 
 @pytest.mark.wire
@@ -237,7 +237,7 @@ def test_devices_that_are_released_at_the_end_are_no_fault(beside: Beside) -> No
 
 def end_it(beside: Beside, page: Page) -> None:
     """A point that the end of the session made suspect: no OK is left standing, the last word stays."""
-    points = beside.judged({"p001": "valid", "p002": "suspect"})
+    points = beside.results_of({"p001": "valid", "p002": "suspect"})
     ended = SimpleNamespace(points=points, valid=1, total=2, rig_state="safe", stopped_by=None, exit_code=5)
     beside.link.display.ended(cast("Any", ended), [])
     says(page, "NOT OK")
@@ -300,8 +300,8 @@ def test_the_page_is_read_by_everybody_worked_by_keys_and_never_passes_off_what_
         page.goto(beside.page.url)
         says(page, "OK")
         stop_and_go_on(beside, page)
-        for judged in beside.judged(VERDICTS):
-            beside.link.display.point_done(judged)
+        for result in beside.results_of(VERDICTS):
+            beside.link.display.point_done(result)
         says(page, "NOT OK")
         page.wait_for_function("document.querySelector('.gauge.over')", timeout=WAIT_MS)  # 800 N, 500 N allowed
         check_contrast(page)

@@ -64,8 +64,10 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     answer = json.loads(done.stdout)
     folder = Path(answer["campaign"])
     story = read_log(folder)
-    said = {line["slug"]: line["detail"] for line in story if str(line.get("slug", "")).startswith("actuator-without")}
-    assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(said)
+    details = {
+        line["slug"]: line["detail"] for line in story if str(line.get("slug", "")).startswith("actuator-without")
+    }
+    assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(details)
     assert "actuator-without-lease" in done.stderr, "also on the terminal"
     assert answer["rig_state"] == "safe"
     for _ in range(AGAIN):
@@ -99,8 +101,8 @@ def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path,
             time.sleep(0.05)
         time.sleep(2.5)
         running.send_signal(signal.SIGINT)
-        said, shown = running.communicate(timeout=60)
-    answer = json.loads(said)
+        details, shown = running.communicate(timeout=60)
+    answer = json.loads(details)
     if answer["stopped_by"] != "sigint":
         skip_where_the_host_was_held_up(Path(answer["campaign"]))
     assert (running.returncode, answer["rig_state"], answer["stopped_by"]) == (4, "safe", "sigint"), shown

@@ -51,16 +51,16 @@ def zeroed(bench: str) -> str:
     return bench.replace('offset = "0 N"', f'offset = "{SHOWN_AT_ZERO_N:g} N"')
 
 
-@pytest.mark.parametrize("said_of", ["load_cell", "lvdt"])
-def test_one_of_two_reversed_sensors_unsaid_is_refused(tmp_path: Path, said_of: str) -> None:
-    ended = run(tmp_path / "wrong", lambda bench: with_polarity(zeroed(bench), said_of))
-    assert (ended.exit_code, ended.answer["stopped_by"]) == (3, "sensors-swapped"), ended.said
+@pytest.mark.parametrize("output_of", ["load_cell", "lvdt"])
+def test_one_of_two_reversed_sensors_unsaid_is_refused(tmp_path: Path, output_of: str) -> None:
+    ended = run(tmp_path / "wrong", lambda bench: with_polarity(zeroed(bench), output_of))
+    assert (ended.exit_code, ended.answer["stopped_by"]) == (3, "sensors-swapped"), ended.output
 
 
 @pytest.mark.nightly
 def test_reversed_sensors_measure_right_once_the_bench_file_says_so(tmp_path: Path) -> None:
     ended = run(tmp_path / "right", lambda bench: with_polarity(with_polarity(zeroed(bench), "load_cell"), "lvdt"))
-    assert (ended.exit_code, ended.answer["valid"]) == (0, 2), ended.said
+    assert (ended.exit_code, ended.answer["valid"]) == (0, 2), ended.output
     for point in ended.run.points:
         assert np.nanmean(point.force_N - true_force_N(point)) == pytest.approx(0.0, abs=0.25 * SHOWN_AT_ZERO_N)
         assert np.nanstd(point.force_N - true_force_N(point)) < 0.1 * np.nanmax(np.abs(point.force_N))

@@ -43,7 +43,7 @@ OPTIONS = ("servo.bandwidth_Hz=7.1", "servo.damping=1.0", "damper.start_degC=75"
 @pytest.fixture(scope="module")
 def quality(tmp_path_factory: pytest.TempPathFactory) -> Ended:
     ended = simulated(tmp_path_factory.mktemp("quality"), MATRIX, *options(*OPTIONS))
-    assert ended.exit_code == 0, ended.said[-3000:]
+    assert ended.exit_code == 0, ended.output[-3000:]
     ended.answer.update(ended.analysed())
     return ended
 

@@ -25,7 +25,7 @@ def suspect_for_its_skew(file: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_a_kept_point_judged_again_is_entered_as_its_file_says(tmp_path: Path) -> None:
+def test_a_kept_point_evaluated_again_is_entered_as_its_file_says(tmp_path: Path) -> None:
     with session(tmp_path, MATRIX, speed=4.0, seed=7) as first:
         first.until(lambda line: line["event"] == "judged")
         first.interrupt()
@@ -40,4 +40,4 @@ def test_a_kept_point_judged_again_is_entered_as_its_file_says(tmp_path: Path) -
     assert (first_point["verdict"], first_point["reasons"]) == ("valid", [])
     assert Path(first_point["file"]) == kept.resolve()
     assert first_point["quality"]["skew_std_s"] == RecordedPoint.open(kept).skew_std_s
-    assert second.exit_code == 0, second.said
+    assert second.exit_code == 0, second.output

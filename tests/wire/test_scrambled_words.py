@@ -77,9 +77,9 @@ def both(tmp_path: Path, scrambler: Path, text: str, *arguments: str) -> tuple[d
         out = ["--out", str(tmp_path / name)] if arguments[0] == "run" else []
         given = [*given[:2], *out, *given[2:]]
         ends.append(rig(*given, search=search))
-    (code, answer, said), (other_code, other, other_said) = ends
+    (code, answer, message), (other_code, other, other_output) = ends
     assert decided(other_code, other) == decided(code, answer)
-    assert not said or said != other_said
+    assert not message or message != other_output
     return decided(code, answer), other
 
 
@@ -115,7 +115,7 @@ def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
     ended = decided(plain.exit_code, plain.answer)
     assert decided(scrambled.exit_code, scrambled.answer) == ended
     assert (ended["code"], ended["stopped_by"]) == (code, slug)
-    assert not plain.said or plain.said != scrambled.said
+    assert not plain.output or plain.output != scrambled.output
     if slug is not None:
         assert scrambled.answer["error"] == SCRAMBLED
 
@@ -123,11 +123,11 @@ def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
 def scramble(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every module that hands messages on hands on nothing but a sign."""
     load_everything()
-    before = errors.told
+    before = errors.clean_text
     for module in [module for name, module in sys.modules.items() if name.startswith("rig.")]:
-        if vars(module).get("told") is before:
-            monkeypatch.setattr(module, "told", lambda text: SCRAMBLED)
-    assert errors.told("words") == SCRAMBLED
+        if vars(module).get("clean_text") is before:
+            monkeypatch.setattr(module, "clean_text", lambda text: SCRAMBLED)
+    assert errors.clean_text("words") == SCRAMBLED
 
 
 def requalified(stopped: Session, folder: Path, slug: str) -> None:

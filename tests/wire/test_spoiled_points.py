@@ -39,9 +39,9 @@ def run(
     return Ending(**vars(ended))
 
 
-def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_them(tmp_path: Path) -> None:
+def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_fix_them(tmp_path: Path) -> None:
     ending = run(tmp_path, *options("load_cell.clip=1050"), currents=("0 A", "1.5 A"), frequency="5 Hz", cycles=20)
-    assert ending.exit_code == 5, ending.said
+    assert ending.exit_code == 5, ending.output
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
     # A clipped force may also disagree with the controller's own: that depends on the seed.
@@ -54,15 +54,15 @@ def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_th
 @pytest.mark.nightly
 def test_a_load_cell_that_stays_at_its_amplifiers_end_stops_the_rig(tmp_path: Path) -> None:
     ending = run(tmp_path, *options("load_cell.clip=480"), currents=("0 A", "1.5 A"))
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == 4, ending.output
     assert ending.trips() == ["sensor-saturated"]
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
 
 
 @pytest.mark.nightly
-def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
+def test_a_point_with_a_gap_is_repeated_and_fixed(tmp_path: Path) -> None:
     ending = run(tmp_path, "--fault", "sample-gap@3+1", cycles=6)
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.output
     assert ending.verdicts() == {"p001": "valid"}
     first, second = (ending.recorded()[name] for name in ("p001", "p001-attempt2"))
     assert first.verdict == "invalid"
@@ -78,7 +78,7 @@ def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
         "damper.coil_to_body_W_K=10.0",
     )
     ending = run(tmp_path, *options(*heating), currents=("1 A",))
-    assert ending.exit_code == 5, ending.said
+    assert ending.exit_code == 5, ending.output
     assert ending.reasons("p001")["temperature-drift"] == "test"
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}
 
@@ -86,13 +86,13 @@ def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_a_fixture_that_slips_is_named_and_repeated(tmp_path: Path) -> None:
     ending = run(tmp_path, *options("damper.free_play_m=0.002"), currents=("1 A",))
-    assert ending.exit_code == 5, ending.said
+    assert ending.exit_code == 5, ending.output
     assert ending.reasons("p001")["free-play"] == "bench"
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}
 
 
-def test_a_format_without_a_clock_cannot_carry_the_skew_that_is_asked_for(tmp_path: Path) -> None:
+def test_a_format_without_a_clock_cannot_carry_the_skew_that_is_requested(tmp_path: Path) -> None:
     ending = run(tmp_path, "--force-format", "ascii", campaign="require_skew = true")
-    assert ending.exit_code == 3, ending.said
+    assert ending.exit_code == 3, ending.output
     assert ending.answer["slug"] == "format-without-clock"
     assert "[load_cell] format" in ending.answer["error"]

@@ -31,14 +31,14 @@ def test_a_load_cell_whose_zero_creeps_is_found_at_the_end_and_kept_with_both_wi
     assert finding["values"]["drift"] == pytest.approx(drift_N, abs=30.0)
     assert [line["slug"] for line in ended.story if line["event"] == "finding"] == ["zero-drift"]
     assert [line["which"] for line in ended.story if line["event"] == "rest"] == ["start", "end"]
-    assert finding["text"] in ended.said.replace("\n", " ")
+    assert finding["text"] in ended.output.replace("\n", " ")
 
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("speed", [5.0, 50.0])
 def test_a_clean_rig_says_nothing(tmp_path: Path, speed: float) -> None:
     ended = simulated(tmp_path, MATRIX, speed=speed)
-    assert ended.exit_code == 0, ended.said
+    assert ended.exit_code == 0, ended.output
     assert ended.answer["findings"] == []
     described = json.loads((ended.folder / "campaign.json").read_text(encoding="utf-8"))
     assert described["zero_checks"][0]["end"]["force_N"]["count"] > 10

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from rig.campaign.execution.campaign_context import CampaignContext
-from rig.campaign.execution.observer import Observer, WantedMotion
+from rig.campaign.execution.observer import Observer, RequestedMotion
 from rig.campaign.execution.point_recording import PointRecording
 from rig.campaign.preflight.proof_move import PROOF_SPEED_M_S, Baseline, DamperCheck, ProofMove
 from rig.campaign.preflight.rest_check import RestCheck
@@ -136,7 +136,7 @@ class ActionExecutor:
         self.damper = DamperCheck(campaign, baseline, self.observer.last)
         self._requests = StationRequests(campaign.client)
         self._rest = RestCheck(campaign, self.observer, self.zeros)
-        self._proof = ProofMove(self.observer, self.damper.judge)
+        self._proof = ProofMove(self.observer, self.damper.check)
         self._baseline = baseline
         self._when_moving: Callable[[int], None] | None = None
         self._deadline: tuple[str, float, int, int] | None = None
@@ -159,7 +159,7 @@ class ActionExecutor:
             act.Remark: self.recording.remark,
             act.GiveUpPoint: self._give_up_point,
             act.Deadline: self._set_deadline,
-            act.Note: self._tell,
+            act.Note: self._report,
             act.LeaveToStation: self._leave_to_station,
             act.Finish: self._finish,
         }
@@ -243,7 +243,7 @@ class ActionExecutor:
         self.observer.await_program(
             point.centre_m,
             monotonic_ns(),
-            WantedMotion(point.waveform, point.frequency_Hz, self.campaign.bench.lvdt.rate_Hz),
+            RequestedMotion(point.waveform, point.frequency_Hz, self.campaign.bench.lvdt.rate_Hz),
             point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
         )
         if point.kind == HYBRID:
@@ -298,7 +298,7 @@ class ActionExecutor:
         latest_ns = earliest_ns + int(1e9 * action.patience * expected_s)
         self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
-    def _tell(self, action: act.Note) -> None:
+    def _report(self, action: act.Note) -> None:
         about = {"code": action.code} if action.code else {}
         self.campaign.log.note(action.level, text=action.text, **about)
         self.campaign.display.message(action.level, action.text)

@@ -65,7 +65,7 @@ MOST_SAMPLES = 10_000
 
 
 @dataclass(frozen=True)
-class WantedMotion:
+class RequestedMotion:
     """What is to be measured: waveform, frequency (Hz), and the displacement sensor's nominal rate (Hz)."""
 
     waveform: str
@@ -80,9 +80,9 @@ class MotionMeasurement:
         wanted: the motion asked for.
     """
 
-    def __init__(self, wanted: WantedMotion) -> None:
-        self._wanted = wanted
-        self._stride = max(1, int(wanted.rate_Hz / (wanted.frequency_Hz * ENOUGH_SAMPLES_A_CYCLE)))
+    def __init__(self, requested: RequestedMotion) -> None:
+        self._requested = requested
+        self._stride = max(1, int(requested.rate_Hz / (requested.frequency_Hz * ENOUGH_SAMPLES_A_CYCLE)))
         self._skip = 0
         self._parts: deque[bytes] = deque()
         self._kept = 0
@@ -115,13 +115,13 @@ class MotionMeasurement:
             None when its waveform is none, when there is not one full cycle, or no two cycles beside the ones next to a
             ramp agree on one.
         """
-        if self._kept == 0 or self._wanted.waveform in {HOLD.name, *SIGNAL_NAMES}:
+        if self._kept == 0 or self._requested.waveform in {HOLD.name, *SIGNAL_NAMES}:
             return None
-        samples, wanted = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._wanted
+        samples, requested = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._requested
         clocked = bool(np.all(samples["device_us"] >= 0))
-        time_s = samples["device_us"] * 1e-6 if clocked else unwrapped(samples["sequence"]) / wanted.rate_Hz
+        time_s = samples["device_us"] * 1e-6 if clocked else unwrapped(samples["sequence"]) / requested.rate_Hz
         order = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0))
-        motion = measured_motion(time_s[order] - time_s[0], good_values(samples[order]), wanted.waveform)
+        motion = measured_motion(time_s[order] - time_s[0], good_values(samples[order]), requested.waveform)
         if motion is None or not math.isfinite(motion.amplitude_m):
             return None
         return MeasuredMotion(
@@ -206,19 +206,19 @@ class Observer:
 
         self.wait = wait
 
-    def await_program(self, centre_m: float, since_ns: int, wanted: WantedMotion, ordered_cycles: float) -> None:
+    def await_program(self, centre_m: float, since_ns: int, requested: RequestedMotion, ordered_cycles: float) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
         A caller that stops the rig from here first clears what is awaited (`wait`): a program that faded out, was
         halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by another client.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
-        after that: what a busy station had still to read belongs to the test. The `wanted` motion is measured.
+        after that: what a busy station had still to read belongs to the test. The `requested` motion is measured.
         """
         pulses, held_ns, stopping, seen = self.last.get(Channel.PULSE, 0.0), 0, "", False
         self.cycles_done = 0
         self._load_train.begin()
-        measurement = MotionMeasurement(wanted)
+        measurement = MotionMeasurement(requested)
 
         def wait(block: RecordBlock) -> ev.Event | None:
             nonlocal held_ns, stopping, seen

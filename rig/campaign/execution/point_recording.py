@@ -160,7 +160,7 @@ class PointRecording:
             finished.lost_samples, finished.quality,
         )
         if attempt:
-            return self._announced(campaign.results.judged(*entry))
+            return self._announced(campaign.results.record_verdict(*entry))
         campaign.results.recorded_apart(*entry)
         return None
 

@@ -90,7 +90,7 @@ class Runner:
         self.zeros = self._executor.zeros
         self._ring: RingReader | None = None
         self._waiting: deque[ev.Event] = deque()
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._failures = 0
         self.current_zero = False
         """The station's last proof of standstill proved 0 A, too."""
@@ -104,7 +104,7 @@ class Runner:
         """Current that the last measurement shows, too large for 0 A (A); None: 0 A, or not measured."""
         self.safe = False
         """The station's last stop ended in proof: its last word is `safe`, not `trip` or `unknown`."""
-        self._stands = False
+        self._at_rest = False
         """Standstill and 0 A of a proved stop were not lost afterwards, whatever became of the pressure."""
         self.without_hydraulics = False
         """The actuator has no pressure (or power) that could be taken away."""
@@ -163,7 +163,7 @@ class Runner:
         heard = self._campaign.client.heard()
         self._events_of(message for message in heard if message.get("slug") != LINK_ENDED)
         self._campaign.log.note("station", what="ended", exit_code=code)
-        self.state = after_station(self.state, ended=code == 0, safe=self.safe, stands=self._stands)
+        self.state = after_station(self.state, ended=code == 0, safe=self.safe, at_rest=self._at_rest)
 
     def _measured_left_A(self) -> float | None:
         """The current that still flows, by the station's newest samples of it; None: 0 A, or not measured."""
@@ -179,7 +179,7 @@ class Runner:
             self._turn()
         except Exception as error:  # noqa: BLE001 - the last resort of the loop stops the rig
             self._failures += 1
-            self._tell_failure("the campaign's loop", error)
+            self._report_failure("the campaign's loop", error)
             cause = because("task-dies", "said", text=_named(error))
             if self._failures == 1:
                 self._waiting.appendleft(ev.Fault(StopKind.FADE_OUT, cause))
@@ -187,7 +187,7 @@ class Runner:
                 self.state, actions = stopping.leave_to_station(self.state, cause)
                 self._carry_out(actions)
 
-    def _tell_failure(self, what: str, error: Exception) -> None:
+    def _report_failure(self, what: str, error: Exception) -> None:
         self._campaign.log.note("error", text=f"{what} failed: {_named(error)}", trace=traceback.format_exc())
 
     def _collected(self, what: str, source: Callable[[], Iterable[Given]]) -> list[Given]:
@@ -195,9 +195,9 @@ class Runner:
         try:
             return list(source())
         except Exception as error:  # noqa: BLE001 - one source that fails must not hide the others
-            if what not in self._said:
-                self._said.add(what)
-                self._tell_failure(what, error)
+            if what not in self._reported:
+                self._reported.add(what)
+                self._report_failure(what, error)
                 cause = because("task-dies", "said", text=f"{what}: {_named(error)}")
                 self._waiting.append(ev.Fault(StopKind.FADE_OUT, cause))
             return []
@@ -240,7 +240,7 @@ class Runner:
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
         if isinstance(event, ev.PauseAsked | ev.ResumeAsked):
-            self._tell_pause(event)
+            self._report_pause(event)
         self.state, actions = step(self.state, event)
         if self.state.phase is not before:
             self._campaign.log.note("phase", phase=str(self.state.phase), after=type(event).__name__)
@@ -257,20 +257,20 @@ class Runner:
             try:
                 self._executor.carry_out(action)
             except Exception as error:  # noqa: BLE001 - whatever an action raises is an event
-                self._tell_failure(type(action).__name__, error)
+                self._report_failure(type(action).__name__, error)
                 failed.append(ev.ActionFailed(action, self.state.phase, cause_of(error)))
         self._waiting.extendleft(reversed(failed))
 
-    def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
-        asked = isinstance(event, ev.PauseAsked)
-        text = say("pause-asked" if asked else "pause-over")
+    def _report_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
+        pauses = isinstance(event, ev.PauseAsked)
+        text = say("pause-asked" if pauses else "pause-over")
         self._campaign.log.note("info", text=text)
         self._campaign.display.message("info", text)
 
     def _station_events(self, timeout_s: float) -> list[ev.Event]:
         events = self._events_of(self._campaign.client.events(timeout_s=timeout_s))
-        if not self._campaign.client.alive and "gone" not in self._said:
-            self._said.add("gone")
+        if not self._campaign.client.alive and "gone" not in self._reported:
+            self._reported.add("gone")
             events.append(
                 ev.StationGone("the station process has ended; see station.log in the campaign folder")
             )
@@ -314,14 +314,14 @@ class Runner:
         """A stop begins, or was reset: what an earlier one proved says nothing of now."""
         self.standstill, self.current_zero, self.pressure = False, False, ""
         self.current_timeout_s = self.current_left_A = None
-        self.safe = self._stands = False
+        self.safe = self._at_rest = False
 
     def _end_of_stop(self, message: dict[str, Any]) -> ev.Event:
         """What the station proved at the end of its stop, and what not."""
         current_zero = message.get("current_zero") is True
         self.safe = message.get("event") == "safe"
         self.standstill = message.get("standstill") is True
-        self._stands = self.safe or (self._stands and self.standstill and (current_zero or not self.current_zero))
+        self._at_rest = self.safe or (self._at_rest and self.standstill and (current_zero or not self.current_zero))
         self.current_zero = current_zero
         self.pressure = str(message.get("pressure") or "")
         self.current_left_A = message.get("current_left_A")
@@ -361,8 +361,8 @@ class Runner:
         # By the time before the ring was read: a pause of this process is not the silence of another one.
         if self.state.armed and newest_ns is not None and self._turns.silent_ns(newest_ns) > stale_s * 1e9:
             self._fault_once(self._stale_cause(stale_s))
-        if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
-            self._said.add("lapped")
+        if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._reported:
+            self._reported.add("lapped")
             cause = because("slow-consumer", "records-lost", count=self._ring.lost)
             self._waiting.append(ev.Spoiled(cause))
 
@@ -401,15 +401,15 @@ class Runner:
             self._campaign.display.message("warning", f"clock-step: {text}")
 
     def _fault_once(self, cause: StopCause, stop: StopKind = StopKind.FADE_OUT) -> None:
-        if cause.slug not in self._said:
-            self._said.add(cause.slug)
+        if cause.slug not in self._reported:
+            self._reported.add(cause.slug)
             self._waiting.append(ev.Fault(stop, cause))
 
     def _beat(self) -> None:
         now_ns = monotonic_ns()
         self._turns.turn(now_ns)
         back_within(1e-9 * BEAT_NS)
-        if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
+        if now_ns - self._beat_ns < BEAT_NS or "gone" in self._reported:
             return
         self._beat_ns = now_ns
         # The stop by its own name goes first; a beat later the station stops the rig should that have been lost.
@@ -418,7 +418,7 @@ class Runner:
         try:
             self._campaign.client.beat(well)
         except StationLost as error:
-            self._said.add("gone")
+            self._reported.add("gone")
             self._waiting.append(ev.StationGone(str(error)))
 
     def _show_progress(self) -> None:
@@ -448,14 +448,14 @@ class Runner:
         return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
 
 
-def after_station(state: State, *, ended: bool, safe: bool, stands: bool) -> State:
+def after_station(state: State, *, ended: bool, safe: bool, at_rest: bool) -> State:
     """What is known of an armed rig once its station has ended, or does not end.
 
     Args:
         state: of the campaign, which has ended.
         ended: the station has ended with exit code 0: nothing is armed any more.
         safe: the last thing that it told of a stop is that it was proved.
-        stands: the standstill and 0 A of a stop that was proved before were not lost since.
+        at_rest: the standstill and 0 A of a stop that was proved before were not lost since.
     """
     untouched = not state.moved and not state.pressurised
     if ended and (safe or untouched):
@@ -464,7 +464,7 @@ def after_station(state: State, *, ended: bool, safe: bool, stands: bool) -> Sta
         known = RigState.SAFE if late else state.rig_state
         return replace(state, armed=False, pressurised=False, powered=False, rig_state=known)
     holds = state.latch is not None and state.latch.stop is not StopKind.PRESSURE_OFF
-    return state if state.stopped and holds and stands else replace(state, rig_state=RigState.UNKNOWN)
+    return state if state.stopped and holds and at_rest else replace(state, rig_state=RigState.UNKNOWN)
 
 
 def _named(error: Exception) -> str:

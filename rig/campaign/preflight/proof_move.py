@@ -32,7 +32,7 @@ from rig.matrix.sections import Specimen
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.signals.arrays import FloatArray
-from rig.signals.rest import difference_N, stands
+from rig.signals.rest import difference_N, is_constant
 from rig.text_file import read_json
 
 SWAPPED = "sensors-swapped"
@@ -79,7 +79,7 @@ class Leg:
     rest_force_N: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
-def judge_proof(up: Leg, down: Leg) -> StopCause | None:
+def check_proof(up: Leg, down: Leg) -> StopCause | None:
     """Whether the sensors followed the actuator; None when they did.
 
     A force of motion that drowns in the load cell's noise proves nothing and refuses nothing.
@@ -139,7 +139,7 @@ class ProofMove:
             lvdt_m, position_m = _values(at_end, Channel.DISPLACEMENT), _values(at_end, Channel.POSITION)
             if observer.device_s < held_s + QUIET_S or len(lvdt_m) < FEWEST_SAMPLES or len(position_m) == 0:
                 return None
-            if not stands(lvdt_m, 0.05 * PROOF_M):  # the host was held up: samples of the way that came late
+            if not is_constant(lvdt_m, 0.05 * PROOF_M):  # the host was held up: samples of the way that came late
                 at_end.clear()
                 held_s = observer.device_s
                 return None
@@ -148,7 +148,7 @@ class ProofMove:
             self._legs.append(Leg(float(np.mean(lvdt_m)), float(np.mean(position_m)), *forces, rest_N))
             if len(self._legs) == 1:
                 return ev.ProofLegDone()
-            return ev.ProofJudged(judge_proof(*self._legs) or self.damper(*self._legs))
+            return ev.ProofJudged(check_proof(*self._legs) or self.damper(*self._legs))
 
         observer.wait = wait
 
@@ -230,7 +230,7 @@ def measured_signature(up_N: FloatArray, down_N: FloatArray) -> Signature | None
     return Signature(0.5 * (up + down), 0.5 * abs(up - down))
 
 
-def judge_damper(now: Signature | None, expected: Signature | None, first: Signature | None) -> StopCause | None:
+def check_damper(now: Signature | None, expected: Signature | None, first: Signature | None) -> StopCause | None:
     """Whether the damper is the campaign's; None when it is.
 
     Args:
@@ -386,7 +386,7 @@ class DamperCheck:
     last: Mapping[int, float]
     disk_error: OSError | None = None
 
-    def judge(self, up: Leg, down: Leg) -> StopCause | None:
+    def check(self, up: Leg, down: Leg) -> StopCause | None:
         """Why this not the campaign's damper, or not as warm as it may be; None when all is well."""
         campaign = self.campaign
         expected = expected_signature(campaign.matrix.specimen, PROOF_M, PROOF_SPEED_M_S)
@@ -396,7 +396,7 @@ class DamperCheck:
             signature = measured_signature(up.rest_force_N, down.rest_force_N)
         campaign.log.note("signature", found=str(signature), expected=str(expected), first=str(first))
         temperature_degC = self.last.get(Channel.COIL_TEMPERATURE, math.nan)
-        cause = judge_damper(signature, expected, first)
+        cause = check_damper(signature, expected, first)
         if cause is None and campaign.matrix.temperature is None and campaign.results.began_ns is None:
             # With a window every point finds its own temperature; after a restart the session's own points have warmed.
             cause = self.baseline.other_temperature(temperature_degC, campaign.stock.temperatures_degC)

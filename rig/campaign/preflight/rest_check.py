@@ -121,7 +121,7 @@ def exchanged(seen: AtRest, limits: RestLimits) -> AtRest:
     )
 
 
-def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
+def check_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
     """The first thing that does not look like a tared rig at rest, by the samples of a rest window; None: nothing."""
     for name, samples, fewest in (
         ("load cell", seen.force_N, FEWEST_SAMPLES),
@@ -206,8 +206,8 @@ def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
     return because("not-tared", "rest-position", value_mm=1e3 * mean_m, low_mm=low_mm, high_mm=high_mm)
 
 
-def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
-    """Wait for what `judge` says of the controller's next 0.5 s, or of more where the host was held up meanwhile."""
+def watch_rest(observer: Observer, evaluate: Callable[[AtRest], ev.Event]) -> None:
+    """Wait for what `evaluate` says of the controller's next 0.5 s, or of more where the host was held up meanwhile."""
     until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
     parts: list[NDArray[Any]] = []
 
@@ -222,7 +222,7 @@ def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
         window = np.concatenate(parts)
         if any(np.count_nonzero(window["channel"] == channel) < fewest for channel, fewest in FEWEST_AT_REST.items()):
             return None
-        return judge(samples_at_rest(window))
+        return evaluate(samples_at_rest(window))
 
     observer.wait = wait
 
@@ -243,17 +243,17 @@ class RestCheck:
 
     def begin(self, *, again: bool) -> None:
         """Wait for `ZerosJudged`; when `again`, at the end, for `ZerosReturned`."""
-        watch_rest(self.observer, self._returned if again else self._judged)
+        watch_rest(self.observer, self._returned if again else self._checked)
 
     def _returned(self, seen: AtRest) -> ev.Event:
         self.zeros.end = self._written("end", seen)
         return ev.ZerosReturned()
 
-    def _judged(self, seen: AtRest) -> ev.Event:
+    def _checked(self, seen: AtRest) -> ev.Event:
         self.zeros.start = self._written("start", seen)
         tolerances = tolerances_of(self.campaign.bench, self.campaign.plan)
         limits = rest_limits(self.campaign.bench, self.campaign.config, tolerances.force_zero_N)
-        cause = judge_rest(seen, limits)
+        cause = check_rest(seen, limits)
         if cause is None:
             self.campaign.at_rest = {**tolerances.numbers, **self._temperatures(), **seen.numbers(limits.range_N)}
         return ev.ZerosJudged(cause)

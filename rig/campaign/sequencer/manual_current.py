@@ -20,18 +20,18 @@ from rig.campaign.stop_cause import because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
 
-TOLD_LIMIT_S = 5.0
+SET_LIMIT_S = 5.0
 
 
-def due(state: State, wanted_A: float) -> bool:
+def due(state: State, target_A: float) -> bool:
     """Whether the operator has to be asked for this current (A) now."""
-    return state.conditions.hand is not None and state.hand_A != wanted_A
+    return state.conditions.hand is not None and state.hand_A != target_A
 
 
-def ask(state: State, wanted_A: float) -> Step:
+def ask(state: State, target_A: float) -> Step:
     """Ask for a current (A), with the pressure as the bench wants it meanwhile."""
     hand = state.conditions.hand
-    state = replace(state, asked_A=wanted_A)
+    state = replace(state, requested_A=target_A)
     if hand is None or not state.powered or hand.pressure == "on":
         return _ask_now(state)
     lowered = Request.HYDRAULICS_LOW if hand.pressure == "low" else Request.HYDRAULICS_OFF
@@ -58,20 +58,20 @@ def _ask_now(state: State) -> Step:
 
 def answered(state: State, event: ev.OperatorAnswered) -> Step:
     """The person has said that it is set: the station records it from now on."""
-    said_A = state.asked_A or 0.0
-    note = act.Note("info", say("set-by-hand", said_A=said_A), code="by-hand")
-    return stopping.enter(state, Phase.TOLD, note, act.SetCurrent(said_A), device_s=TOLD_LIMIT_S)
+    stated_A = state.requested_A or 0.0
+    note = act.Note("info", say("set-by-hand", said_A=stated_A), code="by-hand")
+    return stopping.enter(state, Phase.CURRENT_SET, note, act.SetCurrent(stated_A), device_s=SET_LIMIT_S)
 
 
-def told(state: State) -> State:
+def settled(state: State) -> State:
     """The station has it."""
-    return replace(state, hand_A=state.asked_A, asked_A=None)
+    return replace(state, hand_A=state.requested_A, requested_A=None)
 
 
 def unanswered(state: State, event: ev.TimedOut) -> Step:
     """No answer in time: refused before arming, stopped afterwards."""
     limit_s = stopping.answer_s(state)
-    cause = because("by-hand-unanswered", "by-hand-unanswered", wanted_A=state.asked_A, limit_s=limit_s)
+    cause = because("by-hand-unanswered", "by-hand-unanswered", wanted_A=state.requested_A, limit_s=limit_s)
     if not state.armed:
         return stopping.refuse(state, cause)
     return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, cause))
@@ -79,9 +79,9 @@ def unanswered(state: State, event: ev.TimedOut) -> Step:
 
 def taken_away(state: State, event: ev.OperatorAnswered) -> Step:
     """The person has said that no current flows any more: the station records it, and nothing follows."""
-    state = replace(state, hand_A=0.0, asked_A=None)
+    state = replace(state, hand_A=0.0, requested_A=None)
     note = act.Note("info", say("set-by-hand", said_A=0.0), code="by-hand")
-    return stopping.enter(state, Phase.TAKEN_AWAY, note, act.SetCurrent(0.0), device_s=TOLD_LIMIT_S)
+    return stopping.enter(state, Phase.TAKEN_AWAY, note, act.SetCurrent(0.0), device_s=SET_LIMIT_S)
 
 
 def left(state: State, event: ev.TimedOut | ev.Abort) -> Step:

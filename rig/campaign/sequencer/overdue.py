@@ -22,9 +22,9 @@ _program_overdue = _stops(StopKind.FADE_OUT, "modbus-write-lost", "program-overd
 
 
 def _current_never_settled(state: State, event: ev.TimedOut) -> Step:
-    wanted_A = point_preparation.program(state).first_current_A
+    target_A = point_preparation.program(state).first_current_A
     limit_s = point_preparation.CURRENT_LIMIT_S
-    cause = because("current-tracking", "current-not-settled", wanted_A=wanted_A, limit_s=limit_s)
+    cause = because("current-tracking", "current-not-settled", wanted_A=target_A, limit_s=limit_s)
     return point_preparation.give_up(state, cause)
 
 
@@ -44,7 +44,7 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.PRESSURE_ON: _unanswered,
     Phase.YIELDING: _unanswered,
     Phase.ASKING: manual_current.unanswered,
-    Phase.TOLD: _stops(StopKind.PRESSURE_OFF, "task-dies", "unanswered", phase=Phase.TOLD),
+    Phase.CURRENT_SET: _stops(StopKind.PRESSURE_OFF, "task-dies", "unanswered", phase=Phase.CURRENT_SET),
     Phase.TAKING_AWAY: manual_current.left,
     Phase.TAKEN_AWAY: lambda state, _: stopping.end(state),
     Phase.RESETTING: stopping.overdue,
@@ -64,7 +64,7 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.SETTLING: _current_never_settled,
     Phase.RUNNING: _program_overdue,
     Phase.CLEARING: _stops(StopKind.PRESSURE_OFF, "current-stuck", "current-not-zero"),
-    Phase.JUDGING: lambda state, _: stopping.finish(state),
+    Phase.EVALUATING: lambda state, _: stopping.finish(state),
     Phase.STANDING: _stops(StopKind.PRESSURE_OFF, "stop-ignored", "standstill-overdue"),
     Phase.STOPPING: stopping.overdue,
     Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),

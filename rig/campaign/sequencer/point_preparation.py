@@ -114,13 +114,13 @@ def gate(state: State, event: ev.TemperatureRead, onwards: Onwards) -> Step:
 def warm(state: State, now_degC: float, onwards: Onwards) -> Step:
     """One more warm-up program; too many of them stop the campaign."""
     low_degC = math.nan if state.conditions.thermal is None else state.conditions.thermal.low_degC
-    wanted = state.conditions.warm_up_program(now_degC, state.warmed_with)
-    if wanted is None or state.warmed_s > state.conditions.longest_s:
+    program = state.conditions.warm_up_program(now_degC, state.warmed_with)
+    if program is None or state.warmed_s > state.conditions.longest_s:
         cause = because(
             "temperature-window", "still-cold", now_degC=now_degC, warmed_s=state.warmed_s, low_degC=low_degC
         )
         return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, cause))
-    motion, motion_s = wanted
+    motion, motion_s = program
     state = replace(
         state, warming=motion, warmed_s=state.warmed_s + motion_s, warmed_with=(motion_s, now_degC)
     )
@@ -205,8 +205,8 @@ def allowed(ceiling: Ceiling, point: TestPoint, amplitude_m: float, shift_m: flo
 
 def _moves_as(drive: Drive, point: TestPoint) -> bool:
     """Whether this is the point's motion, at whatever current."""
-    wanted = (point.waveform, point.amplitude_m, point.frequency_Hz)
-    return (drive.waveform, drive.amplitude_m, drive.frequency_Hz) == wanted
+    motion = (point.waveform, point.amplitude_m, point.frequency_Hz)
+    return (drive.waveform, drive.amplitude_m, drive.frequency_Hz) == motion
 
 
 def _is_for(drive: Drive, point: TestPoint) -> bool:
@@ -219,11 +219,11 @@ def drive_for(point: TestPoint, known: Drives, ceiling: Ceiling) -> Drive:
     for drive in known:
         if _is_for(drive, point):
             return drive
-    alike = [drive for drive in known if drive.waveform == point.waveform and not drive.cannot]
-    same = [drive for drive in alike if _moves_as(drive, point)]
-    nearest = min(same or alike, key=lambda drive: _apart(drive, point), default=None)
+    similar = [drive for drive in known if drive.waveform == point.waveform and not drive.cannot]
+    same = [drive for drive in similar if _moves_as(drive, point)]
+    nearest = min(same or similar, key=lambda drive: _apart(drive, point), default=None)
     shift_m = 0.0 if nearest is None else nearest.shift_m
-    gain = _gain_at(same, point.current_A) if same else _predicted_gain(alike, point.frequency_Hz)
+    gain = _gain_at(same, point.current_A) if same else _predicted_gain(similar, point.frequency_Hz)
     command_m, shift_m, _ = allowed(ceiling, point, point.amplitude_m * gain, shift_m)
     return Drive(point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, command_m, shift_m)
 
@@ -285,9 +285,9 @@ def learned(drive: Drive, point: TestPoint, seen: ev.MeasuredMotion, tolerance: 
         return _given_up(drive, point, seen, say("not-within", percent=100 * tolerance, steps=MOST_STEPS))
     if _unanswered(drive, point, seen, tolerance):
         return _given_up(drive, point, seen, _machine(seen))
-    wanted_m = drive.command_m * point.amplitude_m / seen.amplitude_m
-    wanted_shift_m = drive.shift_m - (seen.mean_m - point.centre_m)
-    command_m, shift_m, why = allowed(ceiling, point, wanted_m, wanted_shift_m)
+    target_m = drive.command_m * point.amplitude_m / seen.amplitude_m
+    target_shift_m = drive.shift_m - (seen.mean_m - point.centre_m)
+    command_m, shift_m, why = allowed(ceiling, point, target_m, target_shift_m)
     change_m = max(abs(command_m - drive.command_m), abs(shift_m - drive.shift_m))
     if why and change_m <= MIN_CHANGE * tolerance * point.amplitude_m:
         return _given_up(drive, point, seen, f"{why}; {_machine(seen)}" if seen.valve_saturated else why)

@@ -152,8 +152,8 @@ NO_CONDITIONS = Conditions()
 
 def _pressure_while_asked(bench: Bench) -> str:
     """The pressure while the operator is at the supply: off in place of a low one that the controller does not have."""
-    wanted = bench.ecu.pressure_while_asked
-    return "off" if wanted == "low" and not bench.actuator.has_low_pressure else wanted
+    pressure = bench.ecu.pressure_while_asked
+    return "off" if pressure == "low" and not bench.actuator.has_low_pressure else pressure
 
 
 def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
@@ -206,7 +206,7 @@ class Phase(StrEnum):
     COOLING = "cooling down"
     YIELDING = "lowering the pressure while the operator sets the supply"
     ASKING = "waiting for the operator to set the current"
-    TOLD = "recording the manually set current"
+    CURRENT_SET = "recording the manually set current"
     DEMAGNETISING = "demagnetising"
     SETTLING = "settling the current"
     WARMING = "warming up"
@@ -216,7 +216,7 @@ class Phase(StrEnum):
     CLEARING = "back to 0 A"
     RESTING = "resting"
     PAUSED = "paused"
-    JUDGING = "waiting for verdicts"
+    EVALUATING = "waiting for verdicts"
     STOPPING = "stopping"
     COOLING_DOWN = "waiting at rest for the ECU to cool down"
     RESETTING = "resetting after a stop"
@@ -255,7 +255,7 @@ class State:
         pressurised: pressure was asked for, and is not proved gone.
         powered: the hydraulics are at full pressure.
         moved: something was moved in this campaign.
-        pause_asked: stop at the next point boundary.
+        pause_requested: stop at the next point boundary.
         spoiled: why the running point cannot be valid, though it was not stopped.
         latch: the stop under way or done; None while nothing is wrong.
         restart_withdrawn: something came up during the stop after which no restart may follow.
@@ -274,7 +274,7 @@ class State:
         magnetised_A: the largest current since the last demagnetising (A).
         last_current_A: the current of the last program (A).
         hand_A: the current that the operator has confirmed (A); None before the first answer.
-        asked_A: the one that is asked for (A); None while nothing is asked.
+        requested_A: the one that is asked for (A); None while nothing is asked.
         yielded: the pressure was lowered for the operator at the supply.
     """
 
@@ -292,7 +292,7 @@ class State:
     pressurised: bool = False
     powered: bool = False
     moved: bool = False
-    pause_asked: bool = False
+    pause_requested: bool = False
     spoiled: StopCause | None = None
     latch: Latch | None = None
     restart_withdrawn: bool = False
@@ -311,7 +311,7 @@ class State:
     magnetised_A: float = 0.0
     last_current_A: float = 0.0
     hand_A: float | None = None
-    asked_A: float | None = None
+    requested_A: float | None = None
     yielded: bool = False
 
     @property
@@ -322,7 +322,7 @@ class State:
     @property
     def hand_flows(self) -> bool:
         """A current set by hand flows, or may."""
-        return bool(self.hand_A or self.asked_A)
+        return bool(self.hand_A or self.requested_A)
 
     @property
     def point(self) -> TestPoint:

@@ -34,7 +34,7 @@ PROOF_LIMIT_S = 10.0
 PROGRAM_LIMIT_S = 5.0
 PROGRAM_PATIENCE = 1.25
 PROGRAM_EXTRA_S = 5.0
-JUDGING_LIMIT_S = 120.0
+EVALUATION_LIMIT_S = 120.0
 """Wall time: files are written on the host."""
 REST_EXTRA_S = 5.0
 
@@ -136,15 +136,15 @@ def _done(state: State, event: ev.Done) -> Step:
 
 
 def _next_point(state: State) -> Step:
-    running = state.queue and not state.pause_asked
-    wanted_A = point_preparation.program(state).first_current_A if running else 0.0
-    if manual_current.due(state, wanted_A):
-        return manual_current.ask(state, wanted_A)
+    running = state.queue and not state.pause_requested
+    target_A = point_preparation.program(state).first_current_A if running else 0.0
+    if manual_current.due(state, target_A):
+        return manual_current.ask(state, target_A)
     if not state.queue:
         if state.unjudged:
-            return stopping.enter(state, Phase.JUDGING, device_s=0.0, wall_s=JUDGING_LIMIT_S)
+            return stopping.enter(state, Phase.EVALUATING, device_s=0.0, wall_s=EVALUATION_LIMIT_S)
         return stopping.finish(state)
-    if state.pause_asked:
+    if state.pause_requested:
         note = act.Note("info", say("paused", point=state.point.id))
         return stopping.enter(state, Phase.PAUSED, note, device_s=0.0, wall_s=PAUSE_LIMIT_S)
     if state.conditions.thermal is not None:
@@ -242,7 +242,7 @@ def _held(state: State, event: ev.ProgramEnded) -> float | None:
 
 def _onwards(state: State) -> Step:
     """After a program that is not recorded, current still on: back to 0 A only for a pause."""
-    if state.pause_asked:
+    if state.pause_requested:
         return _clear(state)
     return _next_point(state)
 
@@ -289,8 +289,8 @@ def _cleared(state: State, event: ev.CurrentSettled) -> Step:
     return _go_on(state)
 
 
-def _told(state: State, event: ev.CurrentSettled) -> Step:
-    state = manual_current.told(state)
+def _current_set(state: State, event: ev.CurrentSettled) -> Step:
+    state = manual_current.settled(state)
     if not state.armed:
         return _check_zeros(state)
     if not state.yielded:
@@ -312,7 +312,7 @@ def _rested(state: State, event: ev.RestOver) -> Step:
     return _next_point(state)
 
 
-def _judged(state: State, event: ev.Judged) -> Step:
+def _evaluated(state: State, event: ev.Judged) -> Step:
     if event.point_id not in state.unjudged:
         return state, ()
     again = tuple(point for point in state.given_back if point.id == event.point_id and not event.valid)
@@ -322,11 +322,11 @@ def _judged(state: State, event: ev.Judged) -> Step:
         given_back=tuple(point for point in state.given_back if point.id != event.point_id),
         queue=state.queue + again,
     )
-    return _next_point(state) if state.phase is Phase.JUDGING else (state, ())
+    return _next_point(state) if state.phase is Phase.EVALUATING else (state, ())
 
 
 def _resume(state: State, event: ev.ResumeAsked) -> Step:
-    return _next_point(replace(state, pause_asked=False))
+    return _next_point(replace(state, pause_requested=False))
 
 
 def _timed_out(state: State, event: ev.TimedOut) -> Step:
@@ -345,7 +345,7 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.DEMAGNETISING, ev.CurrentSettled): lambda state, _: point_preparation.demagnetised(state, _settle),
     (Phase.SETTLING, ev.CurrentSettled): _run,
     (Phase.ASKING, ev.OperatorAnswered): manual_current.answered,
-    (Phase.TOLD, ev.CurrentSettled): _told,
+    (Phase.CURRENT_SET, ev.CurrentSettled): _current_set,
     (Phase.TAKING_AWAY, ev.OperatorAnswered): manual_current.taken_away,
     (Phase.TAKING_AWAY, ev.Abort): manual_current.left,
     (Phase.TAKING_AWAY, ev.Fault): stopping.note_abort_while_finishing,
@@ -373,7 +373,7 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
 ALWAYS: dict[type[ev.Event], Handler] = {
     ev.Done: _done,
     ev.Declined: stopping.declined,
-    ev.Judged: _judged,
+    ev.Judged: _evaluated,
     ev.TimedOut: _timed_out,
     ev.ActionFailed: stopping.action_failed,
     ev.Spoiled: stopping.spoiled,
@@ -382,6 +382,6 @@ ALWAYS: dict[type[ev.Event], Handler] = {
     ev.Tripped: stopping.tripped,
     ev.Unknown: stopping.not_proved_safe,
     ev.StationGone: stopping.station_gone,
-    ev.PauseAsked: lambda state, _: (replace(state, pause_asked=True), ()),
-    ev.ResumeAsked: lambda state, _: (replace(state, pause_asked=False), ()),
+    ev.PauseAsked: lambda state, _: (replace(state, pause_requested=True), ()),
+    ev.ResumeAsked: lambda state, _: (replace(state, pause_requested=False), ()),
 }

@@ -40,9 +40,9 @@ def enter(
     return replace(state, phase=phase), (act.Deadline(phase, device_s, wall_s, patience), *actions)
 
 
-def request(state: State, phase: Phase, wanted: Request) -> Step:
+def request(state: State, phase: Phase, requested: Request) -> Step:
     """Go to a phase that waits for the station's proof of a request."""
-    return enter(state, phase, act.Ask(wanted), device_s=0.0, wall_s=PROOF_WALL_S[wanted])
+    return enter(state, phase, act.Ask(requested), device_s=0.0, wall_s=PROOF_WALL_S[requested])
 
 
 def end_recording(state: State, fault: StopCause | None) -> Step:
@@ -317,9 +317,9 @@ def disarm(state: State) -> Step:
 
 def question(state: State) -> tuple[Action, ...]:
     """Ask the operator for the requested current, so that it is in the journal too."""
-    wanted_A = state.asked_A or 0.0
-    note = act.Note("warning", say("ask-current" if wanted_A else "ask-zero", wanted_A=wanted_A), code="by-hand")
-    return note, act.AskOperator(wanted_A)
+    target_A = state.requested_A or 0.0
+    note = act.Note("warning", say("ask-current" if target_A else "ask-zero", wanted_A=target_A), code="by-hand")
+    return note, act.AskOperator(target_A)
 
 
 def answer_s(state: State) -> float:
@@ -335,5 +335,5 @@ def end(state: State) -> Step:
     if state.armed or state.left_to_station or state.rig_state is RigState.UNKNOWN:
         state = replace(state, phase=Phase.ENDED, rig_state=RigState.UNKNOWN)
         return state, (act.Note("error", say("current-left"), code="by-hand"), act.Finish())
-    state = replace(state, asked_A=0.0, hand_A=state.hand_A or state.asked_A)
+    state = replace(state, requested_A=0.0, hand_A=state.hand_A or state.requested_A)
     return enter(state, Phase.TAKING_AWAY, *question(state), device_s=0.0, wall_s=answer_s(state))

@@ -27,7 +27,7 @@ class Command:
 
     Attributes:
         command_A: current to command (A).
-        wanted_A: coil current for the wanted force (A).
+        target_A: coil current for the wanted force (A).
         coil_A: coil current now, by its lag (A).
         attainable: whether a tested current gives the wanted force here.
         resolvable: whether the force tells the current here; where not, the wanted current is held.
@@ -37,7 +37,7 @@ class Command:
     """
 
     command_A: float
-    wanted_A: float
+    target_A: float
     coil_A: float
     attainable: bool
     resolvable: bool
@@ -83,7 +83,7 @@ class Controller:
         self._state: FloatArray | None = None
         self._force_N, self._rate_N_s = math.nan, 0.0
         self._before: tuple[float, float, float] = (0.0, 0.0, 0.0)
-        self.coil_A = self.wanted_A = self._command_A = float(np.clip(0.0, *self._limits))
+        self.coil_A = self.target_A = self._command_A = float(np.clip(0.0, *self._limits))
 
     def step(
         self, force_N: float, displacement_m: float, velocity_m_s: float, acceleration_m_s2: float = 0.0
@@ -99,8 +99,8 @@ class Controller:
         Raises:
             ValueError: one of them is no number; the controller stays as it was, as if it had not been asked.
         """
-        asked = {"force_N": force_N, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
-        for name, value in {**asked, "acceleration_m_s2": acceleration_m_s2}.items():
+        inputs = {"force_N": force_N, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
+        for name, value in {**inputs, "acceleration_m_s2": acceleration_m_s2}.items():
             if not math.isfinite(value):
                 raise ValueError(f"controller: {name} = {value:g}, expected a number. Fix: hold or discard the last "
                     "command")
@@ -108,19 +108,19 @@ class Controller:
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)
         motion = self._instant(now)
-        wanted_N, rate_N_s = np.array([force_N]), np.array([self._rate(force_N)])
-        answer = solve(self._law, self._grid, state[None, :], motion, wanted_N, rate_N_s)
+        target_N, rate_N_s = np.array([force_N]), np.array([self._rate(force_N)])
+        answer = solve(self._law, self._grid, state[None, :], motion, target_N, rate_N_s)
         width_A = float(self._grid[-1] - self._grid[0])
         band_A = current_band_A(self._tested, answer, self._dt_s, causal=True)
         resolvable = bool(band_A[0] <= RESOLVED * width_A)
         if resolvable:
-            self.wanted_A = float(answer[0, 0])
-        ahead = (self.wanted_A - self._stays * self.coil_A) / (1.0 - self._stays)
+            self.target_A = float(answer[0, 0])
+        ahead = (self.target_A - self._stays * self.coil_A) / (1.0 - self._stays)
         self._command_A = float(np.clip(ahead, *self._limits))
         beyond = UNKNOWN if self._tested is None else " ".join(beyond_tested(self._tested, self._instant(now)))
         return Command(
             command_A=self._command_A,
-            wanted_A=self.wanted_A,
+            target_A=self.target_A,
             coil_A=self.coil_A,
             attainable=bool(answer[0, 3]),
             resolvable=resolvable,
@@ -158,4 +158,4 @@ class Controller:
         at_degC = self._law.at_degC
         warm = None if at_degC is None else np.array([at_degC])
         u, v, a = (np.array([value]) for value in now)
-        return Motion(None, None, 0.0, u, v, a, np.array([self.wanted_A]), warm)
+        return Motion(None, None, 0.0, u, v, a, np.array([self.target_A]), warm)

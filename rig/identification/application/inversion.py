@@ -54,7 +54,7 @@ def currents_A(tested: TestedRange | None) -> FloatArray:
 
 
 def inverse(
-    law: Law, tested: TestedRange | None, motion: Motion, wanted_N: FloatArray, state: FloatArray | None
+    law: Law, tested: TestedRange | None, motion: Motion, target_N: FloatArray, state: FloatArray | None
 ) -> pd.DataFrame:
     """The current for a wanted force at every row.
 
@@ -63,7 +63,7 @@ def inverse(
         tested: what its tests covered.
         motion: where; its current is not used. With a time the states follow from rest, with the currents that are
             found.
-        wanted_N: wanted force (N), shape (n,).
+        target_N: wanted force (N), shape (n,).
         state: internal states, shape (S,) or (n, S), where there is no time.
 
     Returns:
@@ -80,7 +80,7 @@ def inverse(
     from rig.dampers.trajectory import rates_N_s  # loads numba
 
     dt_s = 0.0 if motion.time_s is None else motion.dt_s
-    answer = solve(law, grid, start, motion, wanted_N, rates_N_s(wanted_N, dt_s))
+    answer = solve(law, grid, start, motion, target_N, rates_N_s(target_N, dt_s))
     used = replace(motion, current_A=answer[:, 0])
     if law.at_degC is not None:
         used = replace(used, temperature_degC=np.full(answer.shape[0], law.at_degC))
@@ -98,14 +98,14 @@ def inverse(
 
 
 def solve(
-    law: Law, grid: FloatArray, start: FloatArray, motion: Motion, wanted_N: FloatArray, rate_N_s: FloatArray
+    law: Law, grid: FloatArray, start: FloatArray, motion: Motion, target_N: FloatArray, rate_N_s: FloatArray
 ) -> FloatArray:
     """The compiled inverse: see `rig.dampers.trajectory.inverse_of`; `start` (1 or n, S) are states."""
     from rig.dampers.trajectory import inverse_of  # loads numba
 
     vectors, seen_A = law.vectors(grid)
     dt_s = motion.dt_s if start.shape[0] == 1 and motion.time_s is not None else 0.0
-    data = (motion.u_m, motion.v_m_s, motion.a_m_s2, wanted_N, rate_N_s)
+    data = (motion.u_m, motion.v_m_s, motion.a_m_s2, target_N, rate_N_s)
     answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s)
     if law.felt is not None:
         answer[:, 0] = _felt_as(law, grid, seen_A, answer[:, 0])
@@ -118,9 +118,9 @@ def _felt_as(law: Law, grid: FloatArray, seen_A: FloatArray, between_A: FloatArr
     low, high = grid[place], grid[place + 1]
     rise = seen_A[place + 1] - seen_A[place]
     slope = np.divide(high - low, rise, out=np.zeros_like(rise), where=rise != 0.0)
-    wanted, current_A = np.interp(between_A, grid, seen_A), between_A
+    felt, current_A = np.interp(between_A, grid, seen_A), between_A
     for _ in range(LAW_STEPS):
-        current_A = np.clip(current_A + slope * (wanted - law.vectors(current_A)[1]), low, high)
+        current_A = np.clip(current_A + slope * (felt - law.vectors(current_A)[1]), low, high)
     return current_A
 
 
@@ -211,12 +211,12 @@ def _unknown(law: Law, tested: TestedRange | None) -> str:
     """What of a table within the tested speeds and currents lies beyond the tests all the same; empty where nothing."""
     if tested is None:
         return ""
-    told = []
+    parts = []
     if tested.only_at_A:
-        told.append("current_A between tested currents")
+        parts.append("current_A between tested currents")
     if law.at_degC is not None and tested.outside({"temperature_degC": np.array([law.at_degC])}):
-        told.append(f"temperature_degC {law.at_degC:.4g}")
-    return f"outside the tested range: {', '.join(told)}; tested: {tested.told()}" if told else ""
+        parts.append(f"temperature_degC {law.at_degC:.4g}")
+    return f"outside the tested range: {', '.join(parts)}; tested: {tested.describe()}" if parts else ""
 
 
 def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
@@ -239,13 +239,13 @@ def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         currents = grid if row[-1] > row[0] else grid[::-1]
         if not np.all(np.diff(rising) > 0.0):
             continue
-        wanted = np.linspace(rising[0], rising[-1], FORCES)
-        current = np.interp(wanted, rising, currents)
-        gain = np.interp(wanted, rising, np.gradient(rising, currents))
+        requested = np.linspace(rising[0], rising[-1], FORCES)
+        current = np.interp(requested, rising, currents)
+        gain = np.interp(requested, rising, np.gradient(rising, currents))
         band_N = np.full(FORCES, math.inf) if tested is None else tested.band.at(current)
         half = np.minimum(band_N / np.maximum(np.abs(gain), 1e-300), grid[-1] - grid[0])
         parts.append(pd.DataFrame({
-            "velocity_m_s": speed, "force_N": wanted, "current_A": current,
+            "velocity_m_s": speed, "force_N": requested, "current_A": current,
             "low_A": np.clip(current - half, grid[0], grid[-1]), "high_A": np.clip(current + half, grid[0], grid[-1]),
             "resolvable": half <= RESOLVED * (grid[-1] - grid[0]),
         }))  # fmt: skip

@@ -132,7 +132,7 @@ def with_band(columns: dict[str, FloatArray], motion: Motion, tested: TestedRang
     frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N
     flagged = beyond_tested(tested, motion)
     frame["extrapolates"], frame["beyond"] = _flags(flagged, len(frame))
-    frame.attrs["extrapolation"] = _told(flagged, len(frame), tested)
+    frame.attrs["extrapolation"] = _beyond_text(flagged, len(frame), tested)
     return frame
 
 
@@ -148,12 +148,13 @@ def _flags(flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count
     return code > 0, np.array(words, dtype=object)[code]
 
 
-def _told(flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count: int, tested: TestedRange) -> str:
+def _beyond_text(
+    flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count: int, tested: TestedRange
+) -> str:
     if not flagged:
         return ""
     rows = {name: int(np.count_nonzero(where)) for name, where in flagged.items()}
     parts = ", ".join(f"{name} in {many} of {count} rows" for name, many in rows.items())
     unrecorded = " (no temperature was recorded in the fitted tests)" if tested.temperature_degC is None else ""
-    return (
-        f"outside the tested range: {parts}; tested: {tested.told()}{unrecorded if 'temperature_degC' in rows else ''}"
-    )
+    range_text = tested.describe() + (unrecorded if "temperature_degC" in rows else "")
+    return f"outside the tested range: {parts}; tested: {range_text}"

@@ -23,7 +23,7 @@ from rig.identification.diagnosis.statement import Statement
 from rig.identification.diagnosis.stretches import MEDIAN_OF_NORMAL, Stretch
 from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.words import Saying
+from rig.identification.remarks import Remark
 
 FEWEST_TESTS = 6
 MOST_OUTLIERS, MOST_OUTLIER_TESTS = 0.25, 5  # of the tests; more are no mistakes with single files
@@ -76,7 +76,7 @@ class OutlierTest:
 
     index: int
     error: float
-    corrections: tuple[Saying, ...]
+    corrections: tuple[Remark, ...]
     left: float
 
 
@@ -113,7 +113,7 @@ class _Correction:
 
     then: _Prediction
     usual: bool
-    said: Saying
+    remark: Remark
 
 
 def outlier_tests(damper: Damper, parts: Sequence[Stretch]) -> tuple[list[OutlierTest], Mapping[str, float]]:
@@ -154,7 +154,7 @@ def outlier_tests(damper: Damper, parts: Sequence[Stretch]) -> tuple[list[Outlie
         if corrections or (suspects.size == 1 and errors[k] > APART):
             corrections.sort(key=lambda one: (not one.usual, one.then.error))
             left = min((one.then.missed for one in corrections), default=predicted[k].noise)
-            outliers.append(OutlierTest(k, float(errors[k]), tuple(one.said for one in corrections), left))
+            outliers.append(OutlierTest(k, float(errors[k]), tuple(one.remark for one in corrections), left))
     return sorted(outliers, key=lambda test: -test.error), values
 
 
@@ -178,8 +178,8 @@ def _corrections(
     same = level is not None and level in groups.currents.of_test[1:]
     alone = not same or motion not in groups.motions.of_test[1:]
     if gain > 0.0 and abs(math.log(gain)) > math.log(LEAST_GAIN_ALONE if alone else LEAST_GAIN):
-        then, said = replace(here, predicted_N=gain * here.predicted_N), ODD_TEST.say("force", factor=1.0 / gain)
-        yield _Correction(then, _is_power_of_ten(gain), said)
+        then, remark = replace(here, predicted_N=gain * here.predicted_N), ODD_TEST.say("force", factor=1.0 / gain)
+        yield _Correction(then, _is_power_of_ten(gain), remark)
     stated_A, tested = _current_A(test), [_current_A(other) for other in good]
     if same:
         between = np.linspace(min(tested), max(tested), CURRENTS).tolist()
@@ -212,7 +212,7 @@ def _robust(damper: Damper, by_test: Sequence[Sequence[Stretch]]) -> Mapping[str
     one, tests that are too large the other.
     """
     best: tuple[float, Mapping[str, float]] | None = None
-    for alike in (True, False):
+    for equal in (True, False):
         values = damper.start
         for round_ in range(ROUNDS + 1):
             predicted = [_predict(damper.model, values, own) for own in by_test]
@@ -221,7 +221,7 @@ def _robust(damper: Damper, by_test: Sequence[Sequence[Stretch]]) -> Mapping[str
                 best = float(np.sum(errors)), values
             if round_ == ROUNDS:
                 break
-            sizes = np.array([one.size if alike or round_ else 1.0 for one in predicted])
+            sizes = np.array([one.size if equal or round_ else 1.0 for one in predicted])
             least = max(LEAST_OF_MEDIAN * float(np.median(errors)), SMALLEST_ERROR)
             count = 1.0 / (sizes * np.sqrt(np.maximum(errors, least)))
             weighted = [

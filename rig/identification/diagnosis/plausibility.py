@@ -15,8 +15,8 @@ from rig.identification.diagnosis.statement import Fitted, Statement
 from rig.identification.diagnosis.trials import CLIPPING, CURRENT_LAW
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.undetermined import levels_of
+from rig.identification.remarks import filled, some
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.words import filled, some
 from rig.signals.plausibility import SMALLEST_CURRENT_A, Doubt, TestSize, doubts
 
 CHANNEL = {
@@ -245,13 +245,13 @@ def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float, float, float]
     table = np.array(rows)
     amounts, _, rank, _ = np.linalg.lstsq(table, np.array(middles), rcond=SAME_SPEED)
     at_speed = np.array((0.0, *np.median(table[:, 1:], axis=0)))
-    freedom, told = len(rows) - int(rank), np.linalg.pinv(table.T @ table, rcond=SAME_SPEED**2)
+    freedom, inverse = len(rows) - int(rank), np.linalg.pinv(table.T @ table, rcond=SAME_SPEED**2)
     offset_N, growth_N = float(amounts[0]), float(at_speed @ amounts)
     if not freedom or rank == 1:  # a line through two tests, or one speed: nothing tells the growth from the offset
         return offset_N, growth_N, np.inf, np.inf
     doubt_N = quantile(1, freedom) * float(np.linalg.norm(table @ amounts - middles)) / np.sqrt(freedom)
-    growth_doubt_N = doubt_N * float(np.sqrt(at_speed @ told @ at_speed))
-    return offset_N, growth_N, doubt_N * float(np.sqrt(told[0, 0])), growth_doubt_N
+    growth_doubt_N = doubt_N * float(np.sqrt(at_speed @ inverse @ at_speed))
+    return offset_N, growth_N, doubt_N * float(np.sqrt(inverse[0, 0])), growth_doubt_N
 
 
 def saturated(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:

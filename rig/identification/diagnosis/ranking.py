@@ -94,9 +94,9 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
         outliers, explained, rest = _without_outliers(fitted)
     else:
         explained = _hidden(fitted)
-    asked = [statement for statement in FROM_TESTS if misfit or not statement.of_misfit]
+    statements = [statement for statement in FROM_TESTS if misfit or not statement.of_misfit]
     first, last = (
-        [cause for statement in asked if statement.last is late for cause in statement.find(rest, fitted.tests)]
+        [cause for statement in statements if statement.last is late for cause in statement.find(rest, fitted.tests)]
         for late in (False, True)
     )
     return (*outliers, *first, *explained, *last)

@@ -13,7 +13,7 @@ from rig.dampers.model import DamperModel
 from rig.fits.entries import Cause
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
-from rig.identification.words import UNTRIED, Saying, filled
+from rig.identification.remarks import UNTRIED, Remark, filled
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Statement:
     seen: bool = False
     parts: Mapping[str, str] = field(default_factory=dict)
 
-    def say(self, part: str = "", **numbers: object) -> Saying:
+    def say(self, part: str = "", **numbers: object) -> Remark:
         """The text, or one of `parts`, with its numbers.
 
         Raises:

@@ -22,8 +22,8 @@ from rig.identification.diagnosis.statement import Fitted, Statement
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
+from rig.identification.remarks import some
 from rig.identification.series_spring import ComplianceCorrection
-from rig.identification.words import some
 from rig.signals.test_set import CurrentReading, current_levels
 
 WORTH_PARTING = 0.5  # share of the misfit of two dampers, of the fitted tests at most and of tests left out
@@ -223,10 +223,10 @@ def _clipped(start: Start) -> Iterator[Trial]:
             reached, flat = _ended(parts, damper, ends, noise, limits if together else None)
         if all(flat):
             low, high = reached.amounts.tolist() if together else common
-            numbers, said = {"low_N": low, "high_N": high}, ""
+            numbers, side = {"low_N": low, "high_N": high}, ""
             if len(ends_of := [end for end in (low, high) if abs(end) < NO_END_N]) == 1:
-                numbers, said = {"end_N": ends_of[0]}, "one-end"
-            yield Trial(CLIPPING, reached.squares, 2 if together else 2 + _each(own), numbers, said)
+                numbers, side = {"end_N": ends_of[0]}, "one-end"
+            yield Trial(CLIPPING, reached.squares, 2 if together else 2 + _each(own), numbers, side)
 
 
 def _ended(

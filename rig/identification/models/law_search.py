@@ -36,14 +36,14 @@ EVEN_LEVELS = 5  # of the current, where it changes within tests
 ALL_LAWS = "all"
 
 
-def laws_over(tests: Sequence[Measurement], wanted: str) -> tuple[str, ...]:
+def laws_over(tests: Sequence[Measurement], law: str) -> tuple[str, ...]:
     """The laws that are wanted, as they are written for these tests; of "all" those that the tests can tell.
 
     Raises:
         IdentificationFailed: one was named that these tests cannot tell.
     """
-    if wanted != ALL_LAWS:
-        return (law_over(tests, wanted),)
+    if law != ALL_LAWS:
+        return (law_over(tests, law),)
     return tuple(law_over(tests, kind) for kind in KINDS) if len(_levels(tests)) >= FEWEST_LEVELS else (AFFINE,)
 
 

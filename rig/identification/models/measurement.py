@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
-from rig.identification.words import Saying
+from rig.identification.remarks import Remark
 from rig.signals.test_set import CurrentReading, MotionReading, TestSet, read_current
 
 PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
@@ -119,7 +119,7 @@ class Measurement:
     force_step_N: float = 0.0
     noise_N: float = float("nan")
     temperature_degC: FloatArray | None = None
-    warnings: tuple[Saying, ...] = field(default=())
+    warnings: tuple[Remark, ...] = field(default=())
 
     def __post_init__(self) -> None:
         n = self.u_m.shape[0]

@@ -32,7 +32,7 @@ from rig.identification.models.separable import (
     solve_separable,
 )
 from rig.identification.models.undetermined import examine
-from rig.identification.words import say
+from rig.identification.remarks import say
 from rig.optimisers.least_squares import Descent, Squares, descend, normal_equations
 
 DIFFERENCE = 1e-4

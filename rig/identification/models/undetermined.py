@@ -10,7 +10,7 @@ import numpy as np
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import needs_lag
 from rig.identification.models.measurement import Measurement, cycle_times_s
-from rig.identification.words import Saying, say
+from rig.identification.remarks import Remark, say
 from rig.signals.test_set import CurrentLevels, CurrentReading, current_levels
 
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a changing current, which stand for its levels
@@ -32,7 +32,7 @@ class Undetermined:
 
     held: set[str] = field(default_factory=set)
     fixed: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    reasons: dict[str, Saying] = field(default_factory=dict)
+    reasons: dict[str, Remark] = field(default_factory=dict)
 
     def free(self, names: Iterable[str]) -> list[str]:
         """Those of `names` that a fit determines: neither held nor fixed."""

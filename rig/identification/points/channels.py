@@ -11,7 +11,7 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.coil import SMALLEST_STEP_A
 from rig.identification.models.measurement import Measurement
-from rig.identification.words import Saying, say
+from rig.identification.remarks import Remark, say
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.derivatives import Motion
@@ -36,7 +36,7 @@ def measured(
         force_N: at these times, shape (n,).
         usable: whether it was measured, shape (n,).
     """
-    warned: list[Saying] = []
+    warned: list[Remark] = []
     current_A, commanded = current_at(point, motion.time_s, warned)
     reading = read_current(_current_in(point, motion.time_s))
     return Measurement(
@@ -100,34 +100,34 @@ def force_on_grid(
 
 
 def current_at(
-    point: RecordedPoint, wanted_s: FloatArray, warnings: list[Saying]
+    point: RecordedPoint, query_s: FloatArray, warnings: list[Remark]
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
     """Coil current (A) at the wanted times, and the changing command (before, during) where none was measured.
 
     A steady current is its mean. Without a measurement it is the commanded one, whose lag the fit then has to find if
     it changes.
     """
-    inside_A = _current_in(point, wanted_s)
+    inside_A = _current_in(point, query_s)
     if inside_A.size:
         if is_steady(inside_A):  # the mean is better than the samples
-            return np.full(wanted_s.size, float(np.mean(inside_A))), None
+            return np.full(query_s.size, float(np.mean(inside_A))), None
         measured = np.isfinite(point.current_measured_A)
-        return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
-    before_A, during_A = _command(point, wanted_s)
+        return np.interp(query_s, point.time_s[measured], point.current_measured_A[measured]), None
+    before_A, during_A = _command(point, query_s)
     if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= SMALLEST_STEP_A:
         warnings.append(say("command-steps"))
         return during_A, (before_A, during_A)
     current_A = float(during_A[0]) if during_A.size else point.current_A
     warnings.append(say("command-steady", current_A=current_A))
-    return np.full(wanted_s.size, current_A), None
+    return np.full(query_s.size, current_A), None
 
 
-def current_std(point: RecordedPoint, wanted_s: FloatArray) -> float:
+def current_std(point: RecordedPoint, query_s: FloatArray) -> float:
     """Standard error (A) of a steady measured current, the mean of its noisy readings; 0 where it is something else.
 
     Readings between which the recording draws a straight line are no more readings: their autocovariances say so.
     """
-    inside_A = _current_in(point, wanted_s)
+    inside_A = _current_in(point, query_s)
     count = inside_A.size
     if count < FEWEST_SAMPLES or float(np.std(inside_A)) == 0.0 or not is_steady(inside_A):
         return 0.0
@@ -139,29 +139,29 @@ def current_std(point: RecordedPoint, wanted_s: FloatArray) -> float:
     return math.sqrt(float(2.0 * np.sum(together) - together[0]) / max(1, independent))
 
 
-def _current_in(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray:
+def _current_in(point: RecordedPoint, query_s: FloatArray) -> FloatArray:
     """The measured current (A) from the first to the last wanted time, where it was measured, shape (k,)."""
-    inside = (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
+    inside = (point.time_s >= query_s[0]) & (point.time_s <= query_s[-1])
     readings_A: FloatArray = point.current_measured_A[inside & np.isfinite(point.current_measured_A)]
     return readings_A
 
 
-def temperature_at(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray | None:
+def temperature_at(point: RecordedPoint, query_s: FloatArray) -> FloatArray | None:
     """Recorded coil temperature (degC) at the wanted times; None where none was recorded."""
     recorded = point.channel("coil_temperature")
     known = np.isfinite(recorded)
-    return np.interp(wanted_s, point.time_s[known], recorded[known]) if np.any(known) else None
+    return np.interp(query_s, point.time_s[known], recorded[known]) if np.any(known) else None
 
 
-def _command(point: RecordedPoint, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _command(point: RecordedPoint, query_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The recorded command (A), held from sample to sample: before the wanted times at their interval, and at them."""
     commanded_A = point.channel("commanded_current")
     known = np.isfinite(commanded_A)
     if not np.any(known):
         return np.zeros(0), np.zeros(0)
-    interval_s = float(wanted_s[-1] - wanted_s[0]) / (wanted_s.size - 1)
-    earlier = int(max(0.0, (wanted_s[0] - point.time_s[known][0]) / interval_s))
-    at_s = np.concatenate((wanted_s[0] - interval_s * np.arange(earlier, 0, -1), wanted_s))
+    interval_s = float(query_s[-1] - query_s[0]) / (query_s.size - 1)
+    earlier = int(max(0.0, (query_s[0] - point.time_s[known][0]) / interval_s))
+    at_s = np.concatenate((query_s[0] - interval_s * np.arange(earlier, 0, -1), query_s))
     held = np.searchsorted(point.time_s[known], at_s + 0.01 * interval_s, side="right") - 1
     values = commanded_A[known][np.maximum(held, 0)]
     return values[:earlier], values[earlier:]

@@ -13,7 +13,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem, IdentificationFailed
 from rig.identification.models.measurement import Measurement, samples_a_cycle, set_of
-from rig.identification.words import Saying, say, some
+from rig.identification.remarks import Remark, say, some
 from rig.signals.test_set import CurrentLevels, same_current, same_motion
 from rig.signals.waveform import WAVEFORMS
 
@@ -69,7 +69,7 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
         )
 
 
-def without_still(tests: Sequence[Measurement]) -> tuple[list[Measurement], list[Saying]]:
+def without_still(tests: Sequence[Measurement]) -> tuple[list[Measurement], list[Remark]]:
     """The tests in which force and displacement change, and a warning for each other one.
 
     Without a change of the force its errors are a share of nothing.
@@ -100,7 +100,7 @@ def _fingerprint(test: RecordedPoint | Measurement) -> bytes | None:
     return hashlib.sha256(np.ascontiguousarray(force).data).digest()
 
 
-def without_reversed_signs(measurements: Sequence[Measurement]) -> tuple[list[Measurement], list[Saying]]:
+def without_reversed_signs(measurements: Sequence[Measurement]) -> tuple[list[Measurement], list[Remark]]:
     """The tests without those whose measured force clearly drives the motion, and a warning for each of these.
 
     Raises:
@@ -125,16 +125,16 @@ def without_reversed_signs(measurements: Sequence[Measurement]) -> tuple[list[Me
     return kept, clear
 
 
-def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
+def contradictions(measurements: Sequence[Measurement]) -> list[Remark]:
     """A warning when tests of the same motion and current measured different forces; and what blurs their currents.
 
     Requested alike is not enough: a test whose motion or current was not reached has another force for that reason.
     """
     groups = set_of(measurements)
-    told = _of_currents(measurements, groups.currents)
+    found = _of_currents(measurements, groups.currents)
     pairs = [
         (first, second)
-        for group in groups.alike
+        for group in groups.identical
         for first, second in itertools.combinations([measurements[number] for number in group], 2)
         if first.waveform in WAVEFORMS and _same_measurement(first, second)
     ]
@@ -146,12 +146,12 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
         peak = max(first.peak_force_N, second.peak_force_N)
         if difference > max(DIFFERENT_OF_PEAK * peak, DIFFERENT_OF_NOISE * noise):
             differing.append(f"{_name(first)} and {_name(second)} by {100.0 * difference / peak:.0f} % of peak")
-    return [*told, say("contradiction", pairs=some(differing))] if differing else told
+    return [*found, say("contradiction", pairs=some(differing))] if differing else found
 
 
 def inconsistent_runs(
     measurements: Sequence[Measurement], together_N: float, error_of: Callable[[list[Measurement]], float]
-) -> list[Saying]:
+) -> list[Remark]:
     """A warning when the runs, each fitted apart, are described much better than all of them by one fit.
 
     Args:
@@ -172,7 +172,7 @@ def inconsistent_runs(
     return [say("runs-apart", count=len(runs), apart_N=apart_N, together_N=together_N)]
 
 
-def _of_currents(measurements: Sequence[Measurement], levels: CurrentLevels) -> list[Saying]:
+def _of_currents(measurements: Sequence[Measurement], levels: CurrentLevels) -> list[Remark]:
     """Tests whose measured current is not the requested one, and levels whose tests cannot all be one current."""
     warnings = []
     if levels.contradicting:

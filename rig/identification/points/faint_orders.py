@@ -31,7 +31,7 @@ CERTAIN = 2.0
 """Standard deviations of their noise's power by which they must be stronger together."""
 FAINTEST = 0.1
 """Of an order's power, or of its noise, that it must have to be in the series."""
-STANDS_OUT = 5.0
+SIGNIFICANT = 5.0
 """Standard errors by which a harmonic of the force is known: its noise must not get into the motion."""
 POWERS = (0, -1, -2)
 WEAKEST = 1e-6
@@ -91,19 +91,19 @@ def _by_force(
         return none
     noise_N = force.residual_m * math.sqrt(2.0 / force.samples)
     harmonics_N = force.cosine_m - 1j * force.sine_m
-    harmonics_N[np.abs(harmonics_N) < STANDS_OUT * noise_N] = 0.0
+    harmonics_N[np.abs(harmonics_N) < SIGNIFICANT * noise_N] = 0.0
     columns = np.stack([harmonics_N * (1j * orders / FAINT_ORDERS) ** power for power in POWERS], axis=1)
     weighted = columns[faint] / errors_m[faint, None]
     design = np.vstack((weighted.real, weighted.imag))
-    wanted = (series.cosine_m - 1j * series.sine_m)[faint] / errors_m[faint]
-    values = np.concatenate((wanted.real, wanted.imag))
+    scaled = (series.cosine_m - 1j * series.sine_m)[faint] / errors_m[faint]
+    values = np.concatenate((scaled.real, scaled.imag))
     scale = np.linalg.norm(design, axis=0)
     if not np.all(scale > 0.0):
         return none
     left, size, right = np.linalg.svd(design / scale, full_matrices=False)
-    told = size > WEAKEST * size[0]
-    directions = (columns / scale) @ (right[told].T / size[told])
-    strengths = left[:, told].T @ values
-    rest = values - left[:, told] @ strengths
-    widening = math.sqrt(max(1.0, float(rest @ rest) / (values.size - np.count_nonzero(told))))
+    known = size > WEAKEST * size[0]
+    directions = (columns / scale) @ (right[known].T / size[known])
+    strengths = left[:, known].T @ values
+    rest = values - left[:, known] @ strengths
+    widening = math.sqrt(max(1.0, float(rest @ rest) / (values.size - np.count_nonzero(known))))
     return np.asarray(directions @ strengths), np.asarray(widening * np.where(faint, directions.T, 0.0))

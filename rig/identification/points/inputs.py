@@ -105,9 +105,9 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
     held_out: list[Measurement] = []
     others: Tests = ()
     if isinstance(holdout, str):
-        wanted = Selection.parse(holdout)
-        kept_out = [point for point in points if wanted.holds(point)]
-        points = [point for point in points if not wanted.holds(point)]
+        selection = Selection.parse(holdout)
+        kept_out = [point for point in points if selection.holds(point)]
+        points = [point for point in points if not selection.holds(point)]
         if not kept_out:
             raise IdentificationFailed(f"holdout: {holdout!r} matches none of the {len(points)} points")
         if not points:

@@ -20,7 +20,7 @@ from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured, refuse_too_few
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
 from rig.identification.points.whole_record import has_cycles, prepare_whole
-from rig.identification.words import Saying, say, some
+from rig.identification.remarks import Remark, say, some
 from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
@@ -64,7 +64,7 @@ def _folder(point: RecordedPoint) -> Path | None:
     return None if point.path is None else point.path.resolve().parent
 
 
-def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> tuple[list[Measurement], list[Saying]]:
+def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> tuple[list[Measurement], list[Remark]]:
     """Measurements of all points that can be used, and one warning for each that cannot.
 
     Args:
@@ -75,7 +75,7 @@ def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> 
         IdentificationFailed: no point can be used; the message says why for each.
     """
     measurements: list[Measurement] = []
-    refusals: list[Saying] = []
+    refusals: list[Remark] = []
     given = list(points)
     known = campaign_skews(given) if skews is None else skews
     for point in given:
@@ -139,8 +139,8 @@ def _with_time_errors(test: Measurement, point: RecordedPoint) -> Measurement:
     slope_N_s = float(np.sqrt(np.mean(np.diff(test.force_N, append=test.force_N[-1])[test.scored] ** 2))) / test.dt_s
     noise_N = slope_N_s * std_s if math.isnan(test.noise_N) else math.hypot(test.noise_N, slope_N_s * std_s)
     skew_std_s = math.hypot(test.skew_std_s, std_s / math.sqrt(max(1, test.samples_per_cycle)))
-    said = say("time-errors", std_ms=1e3 * std_s)
-    return replace(test, noise_N=noise_N, skew_std_s=skew_std_s, warnings=(*test.warnings, said))
+    warning = say("time-errors", std_ms=1e3 * std_s)
+    return replace(test, noise_N=noise_N, skew_std_s=skew_std_s, warnings=(*test.warnings, warning))
 
 
 def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
@@ -173,7 +173,7 @@ def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
     )
 
 
-def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[Saying]]:
+def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[Remark]]:
     """The kept cycles; a point with fewer than three full cycles gives what it has, with a warning."""
     whole = find_cycles(point.time_s, point.displacement_m)
     try:
@@ -199,7 +199,7 @@ def _displacement_in(point: RecordedPoint, cycles: Cycles) -> tuple[FloatArray, 
 
 
 def _motion(
-    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray, force_N: FloatArray,
+    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, query_s: FloatArray, force_N: FloatArray,
     resolution_s: float = 0.0,
 ) -> tuple[Motion, MotionError | None]:
     """Motion at the wanted times and its errors: harmonic where it repeats, else a local polynomial.
@@ -211,7 +211,7 @@ def _motion(
         time_s: times of the displacement (n,), s.
         displacement_m: (n,), m; NaN where it was not measured.
         frequency_Hz: of the cycles.
-        wanted_s: times of the force (k,), s.
+        query_s: times of the force (k,), s.
         force_N: force (k,), N; NaN where it was not measured.
         resolution_s: printing step of the displacement's times, where these are rounded to it (s).
     """
@@ -221,23 +221,23 @@ def _motion(
     if fit.repeats:
         reach = min((int(whole.sum()) - 4) // 4, int(HIGHEST_OF_RATE / (spacing * frequency_Hz)))
         certain = np.union1d(fit.orders, np.arange(1, min(LOW_ORDERS, reach) + 1))
-        faint = FAINT_ORDERS if max(time_s.size, wanted_s.size) <= MOST_FOR_FAINT else LOW_ORDERS
+        faint = FAINT_ORDERS if max(time_s.size, query_s.size) <= MOST_FOR_FAINT else LOW_ORDERS
         orders = np.union1d(certain, np.arange(1, min(faint, reach) + 1))
         series = with_orders(fit, time_s[whole], displacement_m[whole], orders)
         left_m = displacement_m[whole] - series.at(time_s[whole])[0]
         step_m = math.hypot(quantisation_step(displacement_m[whole]), resolution_s * fit.rms_speed_m_s)
         errors_m = coefficient_errors(time_s[whole], left_m, series.omega_rad_s, orders, step_m)
-        series, error = expected(series, errors_m, np.isin(orders, certain), wanted_s, force_N)
-        return Motion(wanted_s, *series.at(wanted_s), "harmonic", fit), error
+        series, error = expected(series, errors_m, np.isin(orders, certain), query_s, force_N)
+        return Motion(query_s, *series.at(query_s), "harmonic", fit), error
     even_s = np.arange(time_s[0], time_s[-1] + spacing / 2.0, spacing)
     local = savitzky_golay(even_s, np.interp(even_s, time_s[whole], displacement_m[whole]), 0.1 / frequency_Hz)
-    at = [np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
-    return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None), None
+    at = [np.interp(query_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
+    return Motion(query_s, at[0], at[1], at[2], "savitzky_golay", None), None
 
 
 def _without_saturation(
     force_N: FloatArray, usable: BoolArray, cycles: int, step_N: float
-) -> tuple[BoolArray, list[Saying]]:
+) -> tuple[BoolArray, list[Remark]]:
     """Which samples remain where the force stands still at an extreme value in half of the cycles, and a warning.
 
     What is cut off is a stretch of time, from shortly before the first to shortly after the last sample at the limit:

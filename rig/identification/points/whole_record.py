@@ -18,7 +18,7 @@ import numpy as np
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured
-from rig.identification.words import say
+from rig.identification.remarks import say
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.fourier import quantisation_step
@@ -53,9 +53,9 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
     if known_s.size == 0:
         raise IdentificationFailed("no displacement was measured")
     shift_s = 0.0 if skew is None else skew.shift_s
-    first_s, last_s, judged_s = _stretch(point, float(known_s[0]), float(known_s[-1]))
+    first_s, last_s, evaluated_s = _stretch(point, float(known_s[0]), float(known_s[-1]))
     grid_s, force_N, usable = force_on_grid(point, shift_s, first_s, last_s)
-    usable &= (grid_s >= judged_s[0]) & (grid_s <= judged_s[1])
+    usable &= (grid_s >= evaluated_s[0]) & (grid_s <= evaluated_s[1])
     rate_Hz = max(mean_rate_Hz(point.time_s, point.displacement_m), HIGHEST_SHARE * _highest_Hz(point))
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     every = max(1, int(1.0 / (SAMPLES_A_CROSSING * rate_Hz * dt_s))) if rate_Hz > 0.0 else 1
@@ -95,10 +95,10 @@ def last_share(holdout: str) -> float | None:
     Raises:
         IdentificationFailed: it says so, and the share leaves too little on one side.
     """
-    said = LAST.fullmatch(holdout)
-    if said is None:
+    match = LAST.fullmatch(holdout)
+    if match is None:
         return None
-    percent = float(said[1])
+    percent = float(match[1])
     if not LEAST_PERCENT <= percent <= MOST_PERCENT:
         raise IdentificationFailed(
             f"holdout: got {holdout!r}, expected the last {LEAST_PERCENT:g} to {MOST_PERCENT:g} % of the record"

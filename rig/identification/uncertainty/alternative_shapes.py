@@ -23,14 +23,14 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import parameter_slopes
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.separable import motion_scale
+from rig.identification.remarks import Remark, say
 from rig.identification.uncertainty.covariance import Information
 from rig.identification.uncertainty.residual_correction import pieces_of
-from rig.identification.words import Saying, say
 
 Shape = Callable[[Measurement], FloatArray]
 Side = Callable[[Measurement], BoolArray]
 
-TOLD_APART = 16.0  # times the residual's variance, by which another shape must fit worse: four standard errors
+DISTINGUISHABLE = 16.0  # times the residual's variance, by which another shape must fit worse: four standard errors
 ROUNDING = 1e-12  # of the force's own sum of squares
 BENT = (0.5, 1.0, 2.0, 4.0)  # arguments of a tanh at the greatest speed where it bends within the tested speeds
 RESTS_ON = 2.0  # times its standard error, which a parameter may have without one side of mid-stroke
@@ -82,7 +82,7 @@ def alternative_shapes(
         return bool(np.any(rest > RESTS_ON**2 * whole))
 
     (best, everywhere, *sides), power = least(fitted, *(saturated(side) for side in (_everywhere, _towards, _away)))
-    limit = best * (1.0 + TOLD_APART / known.freedom) + ROUNDING * power
+    limit = best * (1.0 + DISTINGUISHABLE / known.freedom) + ROUNDING * power
     one_sided = zip(sides, (_towards, _away), strict=True)
     steep = everywhere < limit or any(left < limit and needed(side) for left, side in one_sided)
     if not steep:
@@ -174,7 +174,7 @@ def explain(
     values: Mapping[str, float],
     measurements: Sequence[Measurement],
     weighting: Weighting,
-) -> dict[str, Saying]:
+) -> dict[str, Remark]:
     """Reasons for parameters that the fitted model's own slopes cannot tell apart, or that another shape leaves open.
 
     Args:
@@ -204,18 +204,18 @@ def _knees(
     values: Mapping[str, float],
     measurements: Sequence[Measurement],
     weighting: Weighting,
-) -> dict[str, Saying]:
+) -> dict[str, Remark]:
     """Reasons where one straight line on a side of v = 0 fits as well: which of the two slopes it is, is unknown."""
     scale = motion_scale(measurements)
     form = model.separation(scale)
     shape = form.shape_of(values)
     projected = Projection(form, measurements, weighting, without=frozenset(model.names) - frozenset(known.names))
     left = projected.objective(shape)
-    reasons: dict[str, Saying] = {}
+    reasons: dict[str, Remark] = {}
     for place, (knee, slopes) in enumerate(model.knees.items()):
         straight = shape.copy()
         straight[place] = BEYOND * scale.top_speed_m_s
-        if projected.objective(straight) <= left * (1.0 + TOLD_APART / max(1, projected.samples)):
+        if projected.objective(straight) <= left * (1.0 + DISTINGUISHABLE / max(1, projected.samples)):
             reasons |= {name: say("no-knee", name=name, knee=knee) for name in (knee, *slopes)}
     return reasons
 
@@ -235,7 +235,7 @@ def _tanh(
     values: Mapping[str, float],
     measurements: Sequence[Measurement],
     weighting: Weighting,
-) -> dict[str, Saying]:
+) -> dict[str, Remark]:
     """Reasons where the tanh is as good as something simpler: sgn(u), a sign function, or a straight line."""
     share, largest = _yield_use(model, values, measurements)
     yielding, offset = (*model.shape_names, *model.yield_names), model.shape_names[1]
@@ -252,7 +252,7 @@ def _tanh(
     return {name: say("saturated-tanh", name=name) for name in model.shape_names}
 
 
-def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[Saying]:
+def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[Remark]:
     """A warning where the tanh follows sgn(u), as with the printed lambda of 1.41 m/s: a yield force without loss."""
     model, measurements = _behind_law(model, values, measurements)
     if not isinstance(model, TanhModel):

@@ -16,6 +16,7 @@ from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.separable import Solution
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
 from rig.identification.options import FitOptions
+from rig.identification.remarks import Remark, say, some
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import Information, information, quantile
 from rig.identification.uncertainty.fit import Fit
@@ -23,7 +24,6 @@ from rig.identification.uncertainty.profile import profiles
 from rig.identification.uncertainty.residual_correction import corrected_residuals
 from rig.identification.uncertainty.residuals import WORTH_WARNING, correlated
 from rig.identification.uncertainty.scoring import describes, energy_warnings, passivity, score, together
-from rig.identification.words import Saying, say, some
 
 NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
 LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sign that may make up more is not known
@@ -115,17 +115,17 @@ def judged(
 
 
 def _profiles(
-    best: Candidate, known: Information, fitted: Sequence[Measurement], method: Method, wanted: bool | Sequence[str]
+    best: Candidate, known: Information, fitted: Sequence[Measurement], method: Method, requested: bool | Sequence[str]
 ) -> dict[str, Profile]:
-    if wanted is False or not (wanted is True or len(wanted)):
+    if requested is False or not (requested is True or len(requested)):
         return {}
     if method.loss != SQUARES:
         raise IdentificationFailed(f"no profile likelihood: got loss {method.loss!r}, expected least squares")
     if unfinished := _unfinished(known, method, best.solution):
         raise IdentificationFailed(f"no profile likelihood: {unfinished[0]}")
-    asked = [NONLINEAR] if wanted is True else list(wanted)
+    given = [NONLINEAR] if requested is True else list(requested)
     for_a_choice = {name: fixed for fixed, scaled in best.findings.fixed.items() for name in scaled}
-    for name in asked:
+    for name in given:
         if name in for_a_choice:
             raise IdentificationFailed(
                 f"no profile of {name!r}: this parameter is identified only for the chosen {for_a_choice[name]}"
@@ -133,7 +133,7 @@ def _profiles(
     nonlinear = [name for name in known.names if not best.model.parameter(name).linear and name not in for_a_choice]
     names = list(
         dict.fromkeys(
-            name for wanted_name in asked for name in (nonlinear if wanted_name == NONLINEAR else [wanted_name])
+            name for name_given in given for name in (nonlinear if name_given == NONLINEAR else [name_given])
         )
     )
     weighting, solution = method.weighting(best.model), best.solution
@@ -145,12 +145,12 @@ def _of_tests(tests: Sequence[Measurement]) -> list[str]:
     """What the preparation found, the same finding of several tests together."""
     named: dict[str, list[str]] = {}
     for test in tests:
-        for saying in test.warnings:
-            named.setdefault(saying, []).append(test.id)
-    return [f"{some(ids)}: {saying}" for saying, ids in named.items()]
+        for warning in test.warnings:
+            named.setdefault(warning, []).append(test.id)
+    return [f"{some(ids)}: {warning}" for warning, ids in named.items()]
 
 
-def _of_model(fits: bool | None, weight: str) -> list[Saying]:
+def _of_model(fits: bool | None, weight: str) -> list[Remark]:
     warnings = []
     if fits is False:
         warnings.append(say("model-error"))
@@ -161,7 +161,7 @@ def _of_model(fits: bool | None, weight: str) -> list[Saying]:
     return warnings
 
 
-def _unresolved(fitted: Sequence[Measurement]) -> list[Saying]:
+def _unresolved(fitted: Sequence[Measurement]) -> list[Remark]:
     """A warning when all tests reverse more sharply than the displacement's samples resolve."""
     worst_m_s = 0.0
     for test in fitted:
@@ -172,19 +172,19 @@ def _unresolved(fitted: Sequence[Measurement]) -> list[Saying]:
     return [say("sharp-reversals", worst_mm_s=1e3 * worst_m_s)] if worst_m_s > 0.0 else []
 
 
-def _unfinished(known: Information, method: Method, solution: Solution) -> list[Saying]:
+def _unfinished(known: Information, method: Method, solution: Solution) -> list[Remark]:
     """A warning when a search stopped before the least-squares solution, which is what the intervals are about."""
     if method.name == SEPARABLE or method.loss != SQUARES or solution.at_bound:
         return []
-    told = [k for k, name in enumerate(known.names) if name not in known.partners]
-    away = [abs(float(known.step[k])) / known.standard_error(known.names[k]) for k in told]
-    far = [known.names[k] for k, errors in zip(told, away, strict=True) if errors > UNFINISHED]
+    determined = [k for k, name in enumerate(known.names) if name not in known.partners]
+    away = [abs(float(known.step[k])) / known.standard_error(known.names[k]) for k in determined]
+    far = [known.names[k] for k, errors in zip(determined, away, strict=True) if errors > UNFINISHED]
     if not far:
         return []
     return [say("unfinished", method=method.name, names=", ".join(far), errors=UNFINISHED)]
 
 
-def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Saying]:
+def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Remark]:
     """A warning when residuals are not white and the intervals had to be widened noticeably for it."""
     indices = correlated(known.residuals)
     widening = math.sqrt(sum(residual.widening for residual in known.residuals) / len(known.residuals))
@@ -197,7 +197,7 @@ def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Sayin
     return [say("systematic-residuals", count=count, tests=len(fitted), worst=where, widening=widening)]
 
 
-def _at_limits(model: DamperModel, solution: Solution) -> dict[str, Saying]:
+def _at_limits(model: DamperModel, solution: Solution) -> dict[str, Remark]:
     """Why parameters at a limit are not identified: those held at 0, and those whose search ended at its limit."""
     reasons = {name: say("would-be-negative", name=name) for name in solution.at_bound}
     reasons |= {
@@ -208,7 +208,7 @@ def _at_limits(model: DamperModel, solution: Solution) -> dict[str, Saying]:
     return reasons
 
 
-def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, Saying]:
+def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, Remark]:
     """Why parameters are not identified whose intervals exceed their values and stand for a large part of the force."""
     reasons, factor = {}, quantile(1, known.freedom)
     for name, share in zip(known.names, known.share.tolist(), strict=True):
@@ -223,7 +223,7 @@ def _estimates(
     model: DamperModel,
     values: dict[str, float],
     known: Information,
-    reasons: dict[str, Saying],
+    reasons: dict[str, Remark],
     solution: Solution,
 ) -> dict[str, Estimate]:
     """Every parameter of the model with its intervals, or the reason why it has none."""

@@ -211,16 +211,16 @@ def _invert(
     null = vectors[:, empty] * (BEYOND_FORCE * math.sqrt(force_power))
     partners = _partners(names, vectors[:, empty], seen, np.abs(null) > (safe * np.sqrt(np.diag(covariance)))[:, None])
     covariance += null @ null.T / np.outer(safe, safe)
-    told = np.array([name not in partners for name in names])
-    covariance[~told, :] = covariance[:, ~told] = 0.0
+    determined = np.array([name not in partners for name in names])
+    covariance[~determined, :] = covariance[:, ~determined] = 0.0
     deviation = np.sqrt(np.diag(covariance))
     spread = np.where(deviation > 0.0, deviation, 1.0)
     correlation = covariance / np.outer(spread, spread)
     share = deviation * scale / math.sqrt(force_power) if force_power > 0.0 else np.zeros(size)
-    covariance[~told, ~told] = np.inf
+    covariance[~determined, ~determined] = np.inf
     alone = np.zeros(size)
     full = np.diag((vectors * inverse) @ vectors.T)
-    alone[told] = 1.0 / np.maximum(full[told], 1.0)
+    alone[determined] = 1.0 / np.maximum(full[determined], 1.0)
     condition = float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0.0 else math.inf
     step = ((vectors * inverse) @ (vectors.T @ (total.gradient / safe))) / safe
     curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)

@@ -214,9 +214,9 @@ class Fit(FitRecord):
             "acceleration_m_s2": acceleration_m_s2, "current_A": np.zeros(count), "force_N": given,
         }  # fmt: skip
         motion = motion_of(table, 0.0, also=("force_N",))
-        wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
+        target = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
         chosen = None if state is None else np.asarray(state, dtype=float)
-        return inverse(self.law.at_reference(), self.tested, motion, wanted, chosen)
+        return inverse(self.law.at_reference(), self.tested, motion, target, chosen)
 
     def control_range(self) -> pd.DataFrame:
         """What the current can do at each tested speed: forces, dF/dI, whether they can be inverted, passivity.

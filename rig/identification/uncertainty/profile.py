@@ -154,11 +154,11 @@ class _Walker:
         scale: float,
     ) -> float | None:
         """Where the deviance is 3.84: regula falsi on its root, nearly straight; two fits. None if not finite."""
-        wanted = math.sqrt(THRESHOLD)
+        threshold = math.sqrt(THRESHOLD)
         at = inside[0]
         for _ in range(2):
             near, far = math.sqrt(inside[1]), math.sqrt(outside[1])
-            at = inside[0] + (outside[0] - inside[0]) * (wanted - near) / (far - near)
+            at = inside[0] + (outside[0] - inside[0]) * (threshold - near) / (far - near)
             _, least = self._fit({**values, name: at}, name, scale)
             if not math.isfinite(least):
                 return None

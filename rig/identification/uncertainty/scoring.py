@@ -19,9 +19,9 @@ from rig.fits.entries import ErrorSummary, Passivity, TestError
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import FittedModel, modelled_force, unseen_force
 from rig.identification.models.projection import Weighting
+from rig.identification.remarks import Remark, say, some
 from rig.identification.uncertainty.residual_correction import corrected_residuals, motion_effects, thinned
 from rig.identification.uncertainty.residuals import assess_residual, sum_of_squares
-from rig.identification.words import Saying, say, some
 
 MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still counts as describing the data
 NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never matters
@@ -163,8 +163,8 @@ def _no_misfit(
 
 def together(verdicts: Iterable[bool | None]) -> bool | None:
     """False when one of the verdicts is, None when nothing could be judged."""
-    told = [verdict for verdict in verdicts if verdict is not None]
-    return all(told) if told else None
+    verdicts_known = [verdict for verdict in verdicts if verdict is not None]
+    return all(verdicts_known) if verdicts_known else None
 
 
 SPEEDS, CURRENTS = 24, 5
@@ -252,7 +252,7 @@ def _sliding(model: DamperModel, values: Mapping[str, float], v_m_s: FloatArray,
     return np.asarray(0.5 * (sides[0] + sides[1])).reshape(v_m_s.shape)
 
 
-def energy_warnings(error: ErrorSummary, passive: Passivity) -> list[Saying]:
+def energy_warnings(error: ErrorSummary, passive: Passivity) -> list[Remark]:
     """Warnings: a model that drives the rod, and tests whose energy it does not give back."""
     warnings = []
     if passive.share < 1.0:

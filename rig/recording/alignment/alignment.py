@@ -213,9 +213,11 @@ def _ecu_clock(
     """The ECU's clock: no edge ties it to the controller's, so arrivals do, on a fast rig their order."""
     frames, polls = by_name.get("coil_current"), by_name.get("position")
     if context.device_rate != 1.0 and frames is not None and polls is not None:
-        sent, asked = frames[:], polls[:]
-        asked = asked[asked["device_us"] >= 0]
-        ordered = by_order(sent["device_us"] * 1e-6, sent["host_ns"], asked["device_us"] * 1e-6, asked["host_ns"])
+        sent, polls_sent = frames[:], polls[:]
+        polls_sent = polls_sent[polls_sent["device_us"] >= 0]
+        ordered = by_order(
+            sent["device_us"] * 1e-6, sent["host_ns"], polls_sent["device_us"] * 1e-6, polls_sent["host_ns"]
+        )
         if ordered is not None:
             return ordered
     return by_envelope(device_s, arrival_s, device_rate=context.device_rate)
@@ -259,8 +261,8 @@ def _on_base(
     for name, sensor in context.sensors.items():
         if name != "displacement" and name in timed:
             values[name], methods[name] = _brought(base, timed[name], 1.0 / sensor.rate_Hz), RESAMPLED
-    for wanted, source in (("current", "coil_current"), ("coil_temperature", "coil_temperature")):
-        values[wanted], methods[wanted] = _status_along(base, timed.get(source)), INTERPOLATED
+    for requested, source in (("current", "coil_current"), ("coil_temperature", "coil_temperature")):
+        values[requested], methods[requested] = _status_along(base, timed.get(source)), INTERPOLATED
     return values, methods, _flags(base, timed["force"], values)
 
 
@@ -271,30 +273,30 @@ def _along(base: TimedChannel, part: Any, kind: Any = np.float64) -> Values:  # 
     return np.asarray(part(0, len(base.time_s)), kind)
 
 
-def _near(channel: TimedChannel, wanted_s: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
+def _near(channel: TimedChannel, query_s: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
     """Times and records of a channel around the wanted times, with the neighbours an interpolation needs."""
-    if len(wanted_s) == 0:
+    if len(query_s) == 0:
         return np.zeros(0), channel.records[:0]
-    first = max(0, first_after(channel.time_s, float(wanted_s[0])) - NEIGHBOURS)
-    last = first_after(channel.time_s, float(wanted_s[-1])) + NEIGHBOURS
+    first = max(0, first_after(channel.time_s, float(query_s[0])) - NEIGHBOURS)
+    last = first_after(channel.time_s, float(query_s[-1])) + NEIGHBOURS
     return np.asarray(channel.time_s[first:last]), channel.records[first:last]
 
 
 def _brought(base: TimedChannel, channel: TimedChannel, period_s: float) -> Values:
     def part(start: int, stop: int) -> FloatArray:
-        wanted_s = np.asarray(base.time_s[start:stop])
-        time_s, records = _near(channel, wanted_s)
-        return monotone_at(wanted_s, time_s, good_values(records), period_s)
+        query_s = np.asarray(base.time_s[start:stop])
+        time_s, records = _near(channel, query_s)
+        return monotone_at(query_s, time_s, good_values(records), period_s)
 
     return _along(base, part)
 
 
 def _flags(base: TimedChannel, force: TimedChannel, values: Mapping[str, Values]) -> Values:
     def part(start: int, stop: int) -> NDArray[np.int8]:
-        wanted_s = np.asarray(base.time_s[start:stop])
-        time_s, records = _near(force, wanted_s)
+        query_s = np.asarray(base.time_s[start:stop])
+        time_s, records = _near(force, query_s)
         flags: NDArray[np.int8] = base.records[start:stop]["flags"].astype(np.int8)
-        flags |= flags_at(wanted_s, time_s, records["flags"].astype(np.int8))
+        flags |= flags_at(query_s, time_s, records["flags"].astype(np.int8))
         for name in ("force", "displacement"):
             flags[np.isnan(values[name][start:stop])] |= np.int8(Quality.NOT_A_NUMBER)
         return flags
@@ -307,10 +309,10 @@ def _status_along(base: TimedChannel, channel: TimedChannel | None) -> Values:
     values = None if channel is None else channel.records[:]["value"]
 
     def part(start: int, stop: int) -> FloatArray:
-        wanted_s = np.asarray(base.time_s[start:stop])
+        query_s = np.asarray(base.time_s[start:stop])
         if channel is None or values is None:
-            return np.full(len(wanted_s), np.nan)
-        return status_at(wanted_s, np.asarray(channel.time_s), values, by_arrival=channel.clock.method == ARRIVAL)
+            return np.full(len(query_s), np.nan)
+        return status_at(query_s, np.asarray(channel.time_s), values, by_arrival=channel.clock.method == ARRIVAL)
 
     return _along(base, part)
 

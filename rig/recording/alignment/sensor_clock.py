@@ -417,12 +417,12 @@ def _surest(
     """Edge and pulse of the same count modulo 256 that arrived nearest to each other; None where no counts agree."""
     first = min(int(edge_ns.min()), int(pulse_ns.min()))
     span = max(int(edge_ns.max()), int(pulse_ns.max())) - first + 1
-    wanted = edge_count % EDGE_COUNT_MODULO * span + (edge_ns - first)
+    edge_at = edge_count % EDGE_COUNT_MODULO * span + (edge_ns - first)
     keys = pulse_count % EDGE_COUNT_MODULO * span + (pulse_ns - first)
     order = np.argsort(keys)
-    after = np.searchsorted(keys[order], wanted)
+    after = np.searchsorted(keys[order], edge_at)
     pairs = [
-        (int(abs(wanted[edge] - keys[pulse])), int(edge), int(pulse))
+        (int(abs(edge_at[edge] - keys[pulse])), int(edge), int(pulse))
         for neighbour in (after - 1, after)
         for edge, pulse in enumerate(order[np.clip(neighbour, 0, len(order) - 1)])
         if (edge_count[edge] - pulse_count[pulse]) % EDGE_COUNT_MODULO == 0

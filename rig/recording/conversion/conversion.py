@@ -25,7 +25,7 @@ from rig.recording.journal.point_journal import opened
 from rig.recording.layout import AlignedChannel, Attribute, Event, PointContext, PointFile, RawChannel, SensorContext
 from rig.recording.point_files import FILE, OLD_JOURNAL, FinishedPoint, free_attempt_file, journal_name
 from rig.recording.quality.point_quality import PointQuality
-from rig.recording.quality.quality_checks import judged
+from rig.recording.quality.quality_checks import evaluated
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import Records
@@ -162,7 +162,7 @@ def build(
         **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
            for name in ("force", "displacement")},
     }
-    quality = replace(judged(content, context, alignment, test, instruments), recovered=recovered)
+    quality = replace(evaluated(content, context, alignment, test, instruments), recovered=recovered)
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
         "context": context.to_json(), "journal_end": json.dumps(content.end),

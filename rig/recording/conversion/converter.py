@@ -205,8 +205,8 @@ def limit_memory() -> None:
         return
     data_pages = int(status.read_text(encoding="ascii").split()[5])
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = data_pages * page + MEMORY_BYTES
-    resource.setrlimit(resource.RLIMIT_DATA, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+    limit = data_pages * page + MEMORY_BYTES
+    resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 def main() -> int:

@@ -36,8 +36,8 @@ from rig.recording.point_files import FinishedPoint
 from rig.recording.quality.campaign_delay import BehindArrivals, PointSkew, behind_arrivals, pooled_skews
 from rig.recording.quality.cross_checks import campaign_verdicts
 from rig.recording.quality.instrument_checks import SLUGS
-from rig.recording.quality.judgement import with_skew
 from rig.recording.quality.verdict import Reason, Verdict
+from rig.recording.quality.verdict_rules import with_skew
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.chunked_column import parts
@@ -89,8 +89,8 @@ def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments:
     before = point.quality.verdict
     left_s = skew.std_s if isinstance(skew, BehindArrivals) else skew.trusted_std_s
     after = with_skew(before, left_s, point.highest_Hz)
-    judged = before if instruments is None else instruments
-    reasons = [reason for reason in judged.entries if reason.slug in SLUGS]
+    checked = before if instruments is None else instruments
+    reasons = [reason for reason in checked.entries if reason.slug in SLUGS]
     stated_s = skew.std_s if point.quality.skew.std_s is None else point.quality.skew.std_s
     if isinstance(skew, BehindArrivals):
         if stated_s > max(CERTAIN * skew.std_s, MATTERS_S) or after != before:
@@ -139,19 +139,19 @@ def make_again(path: Path, change: Change) -> FinishedPoint:
 
 def _correction(old: RecordedPoint, change: Change) -> Correction:
     """What a file is made again with, and what it says of that in `/entry/provenance`."""
-    said: dict[str, Attribute] = {
+    attributes: dict[str, Attribute] = {
         "rewritten": utc_now().isoformat(timespec="seconds"), "rewritten_why": change.why,
     }
     if isinstance(change.skew, BehindArrivals):
-        return Correction(None, change.skew.lag, change.instruments, said)
+        return Correction(None, change.skew.lag, change.instruments, attributes)
     delays = change.skew.delays
-    said |= {
+    attributes |= {
         "rewritten_from_force_delay_s": old.quality.force.undeclared_delay_s,
         "rewritten_from_displacement_delay_s": old.quality.displacement.undeclared_delay_s,
         "rewritten_to_force_delay_s": delays.force.value_s,
         "rewritten_to_displacement_delay_s": delays.displacement.value_s,
     }
-    return Correction(delays, None, change.instruments, said)
+    return Correction(delays, None, change.instruments, attributes)
 
 
 def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:

@@ -121,10 +121,10 @@ class _Image:
         """A group without attributes: those given after its members are there take less room."""
         import h5py
 
-        wanted = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
-        wanted.set_obj_track_times(False)
-        wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
-        return h5py.h5g.create(self._file.id, place.encode(), None, wanted)
+        properties = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+        properties.set_obj_track_times(False)
+        properties.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
+        return h5py.h5g.create(self._file.id, place.encode(), None, properties)
 
     def _fill_data(self, content: PointFile) -> None:
         import h5py
@@ -198,9 +198,9 @@ class _Image:
         import h5py
 
         kind = np.dtype(kind)
-        wanted = _storage(len(values), kind)
+        properties = _storage(len(values), kind)
         space = h5py.h5s.create_simple((len(values),))
-        dataset = h5py.h5d.create(group, name.encode(), number_type(kind), space, dcpl=wanted)
+        dataset = h5py.h5d.create(group, name.encode(), number_type(kind), space, dcpl=properties)
         check = 0
         for rows in parts(len(values)) if len(values) else ():
             part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
@@ -216,12 +216,12 @@ def _storage(length: int, kind: np.dtype[Any]) -> h5py.h5p.PropDCID:
     """How a dataset is stored: in chunks with filters and a check, or as it is when it is small."""
     import h5py
 
-    wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
     if length * kind.itemsize > UNFILTERED_BYTES:
-        wanted.set_chunk((min(length, CHUNK_SAMPLES),))
-        wanted.set_shuffle()
-        wanted.set_deflate(COMPRESSION)
-        wanted.set_fletcher32()
-    wanted.set_obj_track_times(False)
-    return wanted
+        properties.set_chunk((min(length, CHUNK_SAMPLES),))
+        properties.set_shuffle()
+        properties.set_deflate(COMPRESSION)
+        properties.set_fletcher32()
+    properties.set_obj_track_times(False)
+    return properties

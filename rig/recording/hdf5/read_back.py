@@ -55,7 +55,7 @@ class _ReadBack:
         self._path = path
         self._read: dict[int, NDArray[Any]] = {}
 
-    def compare(self, file: h5py.File, place: str, wanted: Values) -> None:
+    def compare(self, file: h5py.File, place: str, expected: Values) -> None:
         """Compare one dataset with what was to be written.
 
         Raises:
@@ -68,25 +68,25 @@ class _ReadBack:
         except KeyError:
             same = False
         else:
-            same = dataset.shape == (len(wanted),) and self._holds(dataset, wanted)
+            same = dataset.shape == (len(expected),) and self._holds(dataset, expected)
         if not same:
             raise ReadBackDiffers(f"{self._path}: the data read back from /{place} differ from the recorded data")
 
-    def _holds(self, dataset: h5py.h5d.DatasetID, wanted: Values) -> bool:
+    def _holds(self, dataset: h5py.h5d.DatasetID, expected: Values) -> bool:
         import h5py
 
-        ranges = list(parts(len(wanted)))
+        ranges = list(parts(len(expected)))
         if len(ranges) > 1:
             whole = h5py.Dataset(dataset)
-            return all(_equal(whole[rows], wanted[rows]) for rows in ranges)
+            return all(_equal(whole[rows], expected[rows]) for rows in ranges)
         about = h5py.h5o.get_info(dataset)
         values = self._read.get(about.addr)
         if values is None:
             values = values_of(dataset)
             if about.rc > 1:
                 self._read[about.addr] = values
-        return _equal(values, wanted[:])
+        return _equal(values, expected[:])
 
 
-def _equal(values: NDArray[Any], wanted: NDArray[Any]) -> bool:
-    return bool(np.array_equal(values, wanted, equal_nan=wanted.dtype.kind == "f"))
+def _equal(values: NDArray[Any], expected: NDArray[Any]) -> bool:
+    return bool(np.array_equal(values, expected, equal_nan=expected.dtype.kind == "f"))

@@ -234,7 +234,7 @@ def _values(path: Path, dataset: h5py.Dataset) -> NDArray[Any]:
         values = np.asarray(dataset[...])
     except OSError as error:
         raise FileProblem(str(path), [f"{dataset.name}: damaged: {error}"]) from error
-    wanted = dataset.attrs.get("crc32")
-    if wanted is not None and not np.array_equal(wanted, check_of(values)):
+    checksum = dataset.attrs.get("crc32")
+    if checksum is not None and not np.array_equal(checksum, check_of(values)):
         raise FileProblem(str(path), [f"{dataset.name}: the data are damaged: the values do not match their checksum"])
     return values

@@ -327,17 +327,17 @@ def _took(kind: int, body: bytes, walk: _Walk) -> bool:
     if kind not in {EVENT, END}:
         return True  # of a later version
     try:
-        said = json.loads(body)
+        record = json.loads(body)
         if kind == END:
-            walk.end = _end(said)
+            walk.end = _end(record)
         else:
-            walk.events.append(_event(said))
+            walk.events.append(_event(record))
     except (ValueError, TypeError, KeyError, RecursionError):
         return False
     return True
 
 
-def _event(said: Any) -> Event:  # noqa: ANN401 - whatever JSON holds
+def _event(record: Any) -> Event:  # noqa: ANN401 - whatever JSON holds
     """An event as `JournalWriter.event` writes it.
 
     Raises:
@@ -345,13 +345,13 @@ def _event(said: Any) -> Event:  # noqa: ANN401 - whatever JSON holds
         TypeError: it is not even a JSON object.
         KeyError: something of it is missing.
     """
-    time_ns, code, text = said["time_ns"], said["code"], said["text"]
+    time_ns, code, text = record["time_ns"], record["code"], record["text"]
     if type(time_ns) is not int or not 0 <= time_ns < 1 << 62 or not isinstance(code, str) or not isinstance(text, str):
-        raise ValueError(f"not an event: {said!r:.80}")
+        raise ValueError(f"not an event: {record!r:.80}")
     return Event(time_ns, code, text)
 
 
-def _end(said: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever JSON holds
+def _end(record: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever JSON holds
     """The end of a point as `JournalWriter.close` writes it.
 
     Raises:
@@ -359,7 +359,7 @@ def _end(said: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever JSON holds
         TypeError: it is not even a JSON object.
         KeyError: something of it is missing.
     """
-    stopped_by, lost = said["stopped_by"], said["lost_records"]
+    stopped_by, lost = record["stopped_by"], record["lost_records"]
     if not (stopped_by is None or isinstance(stopped_by, str)) or type(lost) is not int or not 0 <= lost < 1 << 62:
-        raise ValueError(f"this entry is not a valid end of a point: {said!r:.80}")
+        raise ValueError(f"this entry is not a valid end of a point: {record!r:.80}")
     return {"stopped_by": stopped_by, "lost_records": lost}

@@ -87,12 +87,12 @@ def instruments_of(points: Sequence[RecordedPoint]) -> dict[object, list[Recorde
 
 def doubts(points: Iterable[RecordedPoint]) -> tuple[str, ...]:
     """One line for each doubt about the bench's calibration that the points' files hold: a fit's intervals cannot."""
-    told: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for point in points:
         for reason in point.quality.verdict.entries:
             if reason.slug in SLUGS or reason.slug == ZERO_RETURN:
-                told.setdefault(reason.slug, str(reason))
-    return tuple(told.values())
+                texts.setdefault(reason.slug, str(reason))
+    return tuple(texts.values())
 
 
 def _number(attributes: Attributes, name: str) -> float | None:

@@ -175,7 +175,7 @@ class _Limit(NamedTuple):
 
 def _doubts(
     points: Sequence[Checked], estimates: Mapping[str, Estimate], limit: _Limit,
-    told: Callable[[Estimate, str], Reason], *, jumps: bool = False,
+    reason_of: Callable[[Estimate, str], Reason], *, jumps: bool = False,
 ) -> dict[str, Reason]:
     """The reason for each doubted point, by its id; every point of the campaign where all together are certain.
 
@@ -185,11 +185,11 @@ def _doubts(
     if together is not None and together.beyond(*limit) and (count > 1 or not jumps):
         alone = "this point only" if len(points) == 1 else "from the only conclusive point"
         by = f"{count} points combined" if count > 1 else alone
-        return dict.fromkeys((point.id for point in points), told(together, by))
+        return dict.fromkeys((point.id for point in points), reason_of(together, by))
     if not jumps:
         return {}
     return {
-        name: told(estimate, "this point only") for name, estimate in estimates.items() if estimate.beyond(*limit)
+        name: reason_of(estimate, "this point only") for name, estimate in estimates.items() if estimate.beyond(*limit)
     }
 
 
@@ -200,7 +200,7 @@ def _kind(excess: float, tolerance: float) -> Kind:
 def _gains(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
     tolerance = _least(points, f"{instruments.quantity}_gain")
 
-    def told(gain: Estimate, by: str) -> Reason:
+    def reason_of(gain: Estimate, by: str) -> Reason:
         percent = Estimate(gain.value - 1.0, gain.std).times(100.0)
         return Reason(
             instruments.gain_slug, _kind(percent.value, 100.0 * tolerance),
@@ -211,14 +211,14 @@ def _gains(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
 
     agreements = {point.id: instruments.of(point).gain for point in points}
     estimates = {name: gain.widened(GAIN_FLOOR) for name, gain in agreements.items() if gain is not None}
-    return _doubts(points, estimates, _Limit(1.0, tolerance, k), told)
+    return _doubts(points, estimates, _Limit(1.0, tolerance, k), reason_of)
 
 
 def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
     scale, unit = instruments.scale, instruments.unit
     tolerance = _least(points, instruments.zero_tolerance)
 
-    def told(offset: Estimate, by: str) -> Reason:
+    def reason_of(offset: Estimate, by: str) -> Reason:
         return Reason(
             instruments.zero_slug, _kind(offset.value, tolerance),
             f"{instruments.sensor} reads {offset.times(scale).signed} {unit} when the {instruments.reference} reads 0 "
@@ -232,7 +232,7 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
         name: replace(offset, std=(COARSE_ZERO if offset.std > tolerance else 1.0) * offset.std).widened(floor)
         for name, offset in agreements.items() if offset is not None
     }
-    return _doubts(points, estimates, _Limit(0.0, tolerance, k), told, jumps=True)
+    return _doubts(points, estimates, _Limit(0.0, tolerance, k), reason_of, jumps=True)
 
 
 def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
@@ -243,7 +243,7 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
     agreements = {point.id: instruments.of(point) for point in points}
     tolerance_s = _least(points, "time_s") + max(agreement.declared_s for agreement in agreements.values())
 
-    def told(lag: Estimate, by: str) -> Reason:
+    def reason_of(lag: Estimate, by: str) -> Reason:
         return Reason(
             instruments.lag_slug, _kind(lag.value, tolerance_s),
             f"the {instruments.reference} lags the {instruments.sensor} by {lag.times(-1e3).plain} ms, more than its "
@@ -259,7 +259,7 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
     if len(estimates) == 1:
         estimates = {name: lag for name, lag in estimates.items() if lag.std <= tolerance_s}
     sure = k if len(estimates) > 1 else LONE_LAG * k
-    doubted = _doubts(points, estimates, _Limit(0.0, tolerance_s, sure), told)
+    doubted = _doubts(points, estimates, _Limit(0.0, tolerance_s, sure), reason_of)
     return {name: reason for name, reason in doubted.items() if reason.numbers["lag_s"] < 0.0}
 
 

@@ -27,7 +27,7 @@ from rig.signals.sample_times import SampleTimes
 if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment, Overview
     from rig.recording.layout import PointContext
-    from rig.recording.quality.judgement import PointEvidence
+    from rig.recording.quality.verdict_rules import PointEvidence
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from rig.recording.journal.journal_file import JournalContent
 from rig.recording.layout import Attribute, PointContext, SensorContext
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.cross_checks import point_reasons
-from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.point_quality import PointQuality, measured_quality
 from rig.recording.quality.tracking import Tracking, signal_quality, tracking_of, tracking_reasons
 from rig.recording.quality.verdict import Kind, Reason
+from rig.recording.quality.verdict_rules import PointEvidence, SensorCounts, evaluate
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
@@ -39,7 +39,7 @@ VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALI
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 
-def judged(
+def evaluated(
     content: JournalContent, context: PointContext, alignment: Alignment, test: Mapping[str, Attribute],
     instruments: Sequence[Reason] | None = None,
 ) -> PointQuality:
@@ -52,15 +52,15 @@ def judged(
         test: what `/entry/test` says of it.
         instruments: what is said of the instruments; None: what the point alone says.
     """
-    wanted = context.point
-    seen = _overview(alignment, wanted.frequency_Hz)
-    motion = measured_motion(seen.time_s, seen.displacement_m, wanted.waveform) if wanted.cyclic else None
-    tracking = tracking_of(wanted, alignment, seen)
+    point = context.point
+    seen = _overview(alignment, point.frequency_Hz)
+    motion = measured_motion(seen.time_s, seen.displacement_m, point.waveform) if point.cyclic else None
+    tracking = tracking_of(point, alignment, seen)
     evidence, shape = examine(content, context, alignment, seen, motion, tracking)
     quality = measured_quality(context, alignment, seen, motion, evidence, shape)
     if instruments is None:
-        instruments = point_reasons(wanted.id, test, quality)
-    verdict = judge(replace(evidence, extra=(*evidence.extra, *instruments)))
+        instruments = point_reasons(point.id, test, quality)
+    verdict = evaluate(replace(evidence, extra=(*evidence.extra, *instruments)))
     return replace(quality, signal=signal_quality(tracking), verdict=verdict)
 
 
@@ -94,40 +94,40 @@ def examine(
 ) -> tuple[PointEvidence, LoopShape | None]:
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
-    wanted = context.point
+    point = context.point
     inside = np.ones(len(seen.time_s), bool)
     starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
     shape = None
     if tracking is not None:
-        starts = np.array(tracking.window.judged_s)
+        starts = np.array(tracking.window.evaluated_s)
         inside = (seen.time_s >= starts[0]) & (seen.time_s < starts[1])
     if motion is not None:
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
         shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
-    frequency_Hz = wanted.frequency_Hz
+    frequency_Hz = point.frequency_Hz
     period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
     findings = PointEvidence(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        wanted_cycles=float(wanted.cycles) if wanted.cyclic else 0.0, wanted_amplitude_m=wanted.amplitude_m,
-        wanted_frequency_Hz=wanted.highest_Hz, current_tolerance_A=context.current_tolerance_A,
+        requested_cycles=float(point.cycles) if point.cyclic else 0.0, requested_amplitude_m=point.amplitude_m,
+        requested_frequency_Hz=point.highest_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_current_error_A(seen, wanted, alignment, starts),
-        amplitude_tolerance=context.commanded.amplitude_tolerance if wanted.kind == LOOP else None,
+        current_error_A=_current_error_A(seen, point, alignment, starts),
+        amplitude_tolerance=context.commanded.amplitude_tolerance if point.kind == LOOP else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
             *_disorder(context, alignment),
-            *tracking_reasons(wanted, tracking, stopped=content.end is None or end.get("stopped_by") is not None),
+            *tracking_reasons(point, tracking, stopped=content.end is None or end.get("stopped_by") is not None),
         ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
         temperature_window_degC=context.commanded.temperature_window_degC,
-        skew_std_s=0.0 if wanted.at_rest else alignment.skew_trusted_s,
+        skew_std_s=0.0 if point.at_rest else alignment.skew_trusted_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
         change_std_N=0.0 if shape is None else shape.change_std_N,
         span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
@@ -168,13 +168,13 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
 
 
 def _current_error_A(
-    seen: Overview, wanted: TestPoint, alignment: Alignment, starts: FloatArray
+    seen: Overview, point: TestPoint, alignment: Alignment, starts: FloatArray
 ) -> float | None:
     """How far the measured current was off: of its level, of each of its steps, or of what was commanded meanwhile."""
-    if wanted.at_rest:
-        return steps_error_A(seen.time_s, seen.current_A, wanted.steps_A, 1.0 / wanted.frequency_Hz)
-    if not wanted.current_by_law:
-        return loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts)
+    if point.at_rest:
+        return steps_error_A(seen.time_s, seen.current_A, point.steps_A, 1.0 / point.frequency_Hz)
+    if not point.current_by_law:
+        return loop_error_A(seen.time_s, seen.current_A, point.current_A, starts)
     commands = alignment.timed.get("commanded_current")
     if commands is None:
         return None
@@ -186,7 +186,7 @@ def _counts(
     channel: TimedChannel, sensor: SensorContext, alignment: Alignment, motion: MeasuredMotion | None,
 ) -> SensorCounts:
     missing = saturated = overloaded = faulty = spikes = 0
-    stood: list[Standing] = []
+    standing_runs: list[Standing] = []
     bounds = None if motion is None else (alignment.origin_s + motion.start_s, alignment.origin_s + motion.end_s)
     for rows in parts(len(channel.records)):
         records = channel.records[rows]
@@ -199,14 +199,21 @@ def _counts(
             saturated += int(np.count_nonzero(np.abs(values) >= SATURATION_SHARE * sensor.range_SI))
         if bounds is not None:
             time_s = np.asarray(channel.time_s[rows])
-            stood.append(standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])]))
+            standing_runs.append(standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])]))
     return SensorCounts(
-        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes,
-        standing=max((part.longest for part in stood), default=0),
-        flat=max((part.at_extreme for part in stood), default=0),
-        coarse=any(part.coarse for part in stood),
-        step=min((part.step for part in stood if part.step > 0.0), default=0.0),
-        span=max((part.span for part in stood), default=0.0), rate_Hz=sensor.rate_Hz, bandwidth_Hz=sensor.bandwidth_Hz,
+        len(channel.records),
+        channel.lost,
+        missing,
+        max(saturated, overloaded),
+        faulty,
+        spikes,
+        standing=max((part.longest for part in standing_runs), default=0),
+        flat=max((part.at_extreme for part in standing_runs), default=0),
+        coarse=any(part.coarse for part in standing_runs),
+        step=min((part.step for part in standing_runs if part.step > 0.0), default=0.0),
+        span=max((part.span for part in standing_runs), default=0.0),
+        rate_Hz=sensor.rate_Hz,
+        bandwidth_Hz=sensor.bandwidth_Hz,
     )
 
 

@@ -34,12 +34,12 @@ class Window:
 
     Attributes:
         begin_s, end_s: of the motion.
-        judged_s: beginning and end of what is judged: without the ramps.
+        evaluated_s: beginning and end of what is judged: without the ramps.
     """
 
     begin_s: float
     end_s: float
-    judged_s: tuple[float, float]
+    evaluated_s: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -88,78 +88,80 @@ def signal_quality(tracking: Tracking | None) -> SignalQuality | None:
         return None
     window = tracking.window
     return SignalQuality(
-        window.begin_s, window.end_s, *window.judged_s, tracking.played_s, tracking.nrms, tracking.delay_s,
+        window.begin_s, window.end_s, *window.evaluated_s, tracking.played_s, tracking.nrms, tracking.delay_s,
         tracking.reached, tracking.mean_m,
     )
 
 
 def window_of(
-    time_s: FloatArray, elapsed_s: FloatArray, wanted_s: float, ramp_s: float
+    time_s: FloatArray, elapsed_s: FloatArray, query_s: float, ramp_s: float
 ) -> Window | None:
     """The window of a signal by its recorded set-points; None where there are none.
 
     Args:
         time_s: when each was sent, on the file's time base (k,), s.
         elapsed_s: which time of the signal it was for (k,), s.
-        wanted_s: duration of the signal (s).
+        query_s: duration of the signal (s).
         ramp_s: of either ramp (s).
     """
     if len(time_s) < 2:
         return None
     begin_s = float(np.median(time_s - elapsed_s))
-    end_s = begin_s + min(wanted_s, float(elapsed_s[-1]))
-    return Window(begin_s, end_s, (begin_s + ramp_s, max(begin_s + ramp_s, min(end_s, begin_s + wanted_s - ramp_s))))
+    end_s = begin_s + min(query_s, float(elapsed_s[-1]))
+    return Window(begin_s, end_s, (begin_s + ramp_s, max(begin_s + ramp_s, min(end_s, begin_s + query_s - ramp_s))))
 
 
-def tracking_of(wanted: TestPoint, alignment: Alignment, seen: Overview) -> Tracking | None:
+def tracking_of(point: TestPoint, alignment: Alignment, seen: Overview) -> Tracking | None:
     """How a signal was followed; None where too little of it was recorded to say.
 
     Args:
-        wanted: the point.
+        point: the point.
         alignment: its channels.
         seen: displacement over time.
     """
     sent, target = (alignment.timed.get(name) for name in ("signal_time", "signal_target"))
-    if sent is None or target is None or wanted.record is None:
+    if sent is None or target is None or point.record is None:
         return None
     time_s = np.asarray(sent.time_s) - alignment.origin_s
     elapsed_s, target_m = (np.asarray(channel.records[:]["value"], np.float64) for channel in (sent, target))
-    window = window_of(time_s, elapsed_s, wanted.record.duration_s, wanted.record.ramp_s)
+    window = window_of(time_s, elapsed_s, point.record.duration_s, point.record.ramp_s)
     known = np.isfinite(seen.displacement_m)
     if window is None or len(target_m) != len(elapsed_s) or np.count_nonzero(known) < 2:
         return None
-    judged = (window.begin_s + elapsed_s >= window.judged_s[0]) & (window.begin_s + elapsed_s <= window.judged_s[1])
-    if np.count_nonzero(judged) < 2:
+    inside = (window.begin_s + elapsed_s >= window.evaluated_s[0]) & (
+        window.begin_s + elapsed_s <= window.evaluated_s[1]
+    )
+    if np.count_nonzero(inside) < 2:
         return None
-    rows = np.flatnonzero(judged)[:: max(1, int(np.count_nonzero(judged)) // MOST_COMPARED)]
+    rows = np.flatnonzero(inside)[:: max(1, int(np.count_nonzero(inside)) // MOST_COMPARED)]
     delay_s, rod_m = _least(
         seen.time_s[known], seen.displacement_m[known], window.begin_s + elapsed_s[rows],
-        target_m[rows] + wanted.centre_m,
+        target_m[rows] + point.centre_m,
     )
-    asked_m = target_m[rows]
-    apart_m = rod_m - wanted.centre_m - asked_m
-    size_m = float(np.std(asked_m))
-    span_m = float(np.ptp(asked_m))
+    chosen_m = target_m[rows]
+    apart_m = rod_m - point.centre_m - chosen_m
+    size_m = float(np.std(chosen_m))
+    span_m = float(np.ptp(chosen_m))
     return Tracking(
-        window, played_s=min(wanted.record.duration_s, float(elapsed_s[-1])),
+        window, played_s=min(point.record.duration_s, float(elapsed_s[-1])),
         nrms=float(np.sqrt(np.mean(apart_m**2))) / size_m if size_m > 0.0 else np.inf, delay_s=delay_s,
         reached=float(np.ptp(rod_m)) / span_m if span_m > 0.0 else np.inf, mean_m=float(np.mean(apart_m)),
     )
 
 
-def tracking_reasons(wanted: TestPoint, tracking: Tracking | None, *, stopped: bool) -> list[Reason]:
+def tracking_reasons(point: TestPoint, tracking: Tracking | None, *, stopped: bool) -> list[Reason]:
     """What speaks against a signal's recording: what replaces the count and the amplitude of cycles.
 
     Args:
-        wanted: the point.
+        point: the point.
         tracking: how it was followed; None: too little was recorded.
         stopped: the point was stopped, and that is said already.
     """
-    if wanted.record is None or stopped:
+    if point.record is None or stopped:
         return []
     played_s = 0.0 if tracking is None else tracking.played_s
-    if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * wanted.record.duration_s:
-        text = f"only {played_s:.4g} s of {wanted.record.duration_s:.4g} s were played and recorded"
+    if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * point.record.duration_s:
+        text = f"only {played_s:.4g} s of {point.record.duration_s:.4g} s were played and recorded"
         return [invalid("signal-incomplete", text)]
     if tracking.nrms <= TRACKING_SUSPECT:
         return []
@@ -173,15 +175,15 @@ def tracking_reasons(wanted: TestPoint, tracking: Tracking | None, *, stopped: b
 
 
 def _least(
-    time_s: FloatArray, displacement_m: FloatArray, wanted_s: FloatArray, target_m: FloatArray
+    time_s: FloatArray, displacement_m: FloatArray, query_s: FloatArray, target_m: FloatArray
 ) -> tuple[float, FloatArray]:
     """The delay (s) at which the rod is nearest to its target, and where the rod is then (k,)."""
 
     def apart(delay_s: float) -> float:
-        return float(np.mean((np.interp(wanted_s + delay_s, time_s, displacement_m) - target_m) ** 2))
+        return float(np.mean((np.interp(query_s + delay_s, time_s, displacement_m) - target_m) ** 2))
 
     coarse = np.arange(-LONGEST_DELAY_S / 4.0, LONGEST_DELAY_S, 8.0 * DELAY_STEP_S)
     near_s = float(min(coarse, key=apart))
     fine = near_s + DELAY_STEP_S * np.arange(-8, 9)
     best_s = float(min(fine, key=apart))
-    return best_s, np.interp(wanted_s + best_s, time_s, displacement_m)
+    return best_s, np.interp(query_s + best_s, time_s, displacement_m)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from enum import Enum, IntEnum
 from typing import Any, Self
 
-from rig.errors import told
+from rig.errors import clean_text
 from rig.recording.layout import Attribute
 from rig.signals.estimate import Estimate
 
@@ -187,12 +187,12 @@ class Reason:
 
 def suspect(slug: str, text: str, **numbers: float) -> Reason:
     """A reason that leaves a point suspect."""
-    return Reason(slug, Kind.SUSPECT, told(text), numbers)
+    return Reason(slug, Kind.SUSPECT, clean_text(text), numbers)
 
 
 def invalid(slug: str, text: str, **numbers: float) -> Reason:
     """A reason that makes a point invalid."""
-    return Reason(slug, Kind.INVALID, told(text), numbers)
+    return Reason(slug, Kind.INVALID, clean_text(text), numbers)
 
 
 def stored_reasons(verdict: str, lines: Sequence[str], kinds: Sequence[str] = ()) -> tuple[Reason, ...]:

@@ -177,8 +177,8 @@ def match_cycles(
     margin_s = MARGIN_CYCLES * cycles.period_s
     inside = np.isfinite(reference.values) & (reference.time_s >= cycles.start_s + margin_s)
     inside &= reference.time_s < cycles.end_s - margin_s
-    at_s, wanted = reference.time_s[inside], reference.values[inside]
-    if len(at_s) < FEWEST_REFERENCES or len(series.orders) == 0 or series.orders[0] != 1 or np.ptp(wanted) == 0.0:
+    at_s, target = reference.time_s[inside], reference.values[inside]
+    if len(at_s) < FEWEST_REFERENCES or len(series.orders) == 0 or series.orders[0] != 1 or np.ptp(target) == 0.0:
         return None
     reach_s = min(reach_s, 0.2 * cycles.period_s)
     nuisance = [np.ones(len(at_s))]
@@ -186,8 +186,8 @@ def match_cycles(
         nuisance.append(force.at(at_s)[0])
     match, spread_s = None, 0.0
     for _ in range(ROUNDS_OF_LINES):
-        chosen, lag_s, spread_s = _searched(at_s, wanted, series, np.column_stack(nuisance), reach_s)
-        laid = _Laid(at_s, wanted, chosen, cycles, force, with_drift=with_drift)
+        chosen, lag_s, spread_s = _searched(at_s, target, series, np.column_stack(nuisance), reach_s)
+        laid = _Laid(at_s, target, chosen, cycles, force, with_drift=with_drift)
         match = laid.fit(lag_s)
         alone = laid.standing_alone()
         if match is None or len(alone) == 0:
@@ -201,21 +201,21 @@ def match_cycles(
 
 
 def _searched(
-    at_s: FloatArray, wanted: FloatArray, series: Series, nuisance: FloatArray, reach_s: float,
+    at_s: FloatArray, target: FloatArray, series: Series, nuisance: FloatArray, reach_s: float,
 ) -> tuple[Series, float, float]:
     """The harmonics that explain the reference, the best lag, and how far the likelihood spreads over the reach (s)."""
     thin = slice(None, None, -(-len(at_s) // MOST_FOR_SEARCH))
     basis, _ = np.linalg.qr(nuisance[thin])
     lags_s = np.linspace(-reach_s, reach_s, LAGS)
-    best, best_rest = series, _rests(at_s[thin], wanted[thin], series, basis, lags_s)
+    best, best_rest = series, _rests(at_s[thin], target[thin], series, basis, lags_s)
     highest, count = int(series.orders[-1]), len(at_s[thin])
     while highest > 1:
         highest = highest // 2
         tried = series.up_to(highest)
-        rest = _rests(at_s[thin], wanted[thin], tried, basis, lags_s)
+        rest = _rests(at_s[thin], target[thin], tried, basis, lags_s)
         if count * math.log(best_rest.min() / rest.min()) > CERTAIN:
             best, best_rest = tried, rest
-    likelihood = -0.5 * len(wanted) * np.log(best_rest / best_rest.min())
+    likelihood = -0.5 * len(target) * np.log(best_rest / best_rest.min())
     weight = np.exp(likelihood - likelihood.max())
     weight /= weight.sum()
     lag_s = float(lags_s[int(np.argmin(best_rest))])
@@ -224,7 +224,7 @@ def _searched(
 
 
 def _rests(
-    at_s: FloatArray, wanted: FloatArray, series: Series, basis: FloatArray, lags_s: FloatArray,
+    at_s: FloatArray, target: FloatArray, series: Series, basis: FloatArray, lags_s: FloatArray,
 ) -> FloatArray:
     """Sum of squares that gain and nuisance leave of the reference, at each lag; a negative gain explains nothing."""
     table, period_s = series.table(), math.tau / series.omega_rad_s
@@ -233,7 +233,7 @@ def _rests(
     low = places.astype(np.int64)
     shown = table[low] + (places - low) * (table[low + 1] - table[low])
     shown -= (shown @ basis) @ basis.T
-    centred = wanted - basis @ (basis.T @ wanted)
+    centred = target - basis @ (basis.T @ target)
     gain = np.maximum(shown @ centred / np.maximum(np.sum(shown**2, axis=1), 1e-300), 0.0)
     return np.asarray(np.sum((centred[None, :] - gain[:, None] * shown) ** 2, axis=1) + 1e-300)
 
@@ -242,10 +242,10 @@ class _Laid:
     """The least-squares problem near its solution."""
 
     def __init__(
-        self, at_s: FloatArray, wanted: FloatArray, series: Series, cycles: CycleStretch, force: Series | None,
+        self, at_s: FloatArray, target: FloatArray, series: Series, cycles: CycleStretch, force: Series | None,
         *, with_drift: bool,
     ) -> None:
-        self.at_s, self.wanted, self.series, self.cycles = at_s, wanted, series, cycles
+        self.at_s, self.target, self.series, self.cycles = at_s, target, series, cycles
         self.force = None if force is None or len(force.orders) == 0 else force.at(at_s)[0] + force.mean
         self.with_drift = with_drift
         self.middle_s = float(np.mean(at_s))
@@ -286,14 +286,16 @@ class _Laid:
         Told only where the reference's values are many for the orders.
         """
         orders = self.series.orders
-        told = orders[orders >= FIRST_LINE]
+        counted = orders[orders >= FIRST_LINE]
         at_s, rest = self.at_s[self.keep], self.rest
-        if len(told) == 0 or len(rest) < ENOUGH_A_WAVE * int(orders[-1]):
-            return told[:0]
-        waves = np.exp(1j * np.outer(at_s - self.series.origin_s, told * self.series.omega_rad_s))
+        if len(counted) == 0 or len(rest) < ENOUGH_A_WAVE * int(orders[-1]):
+            return counted[:0]
+        waves = np.exp(1j * np.outer(at_s - self.series.origin_s, counted * self.series.omega_rad_s))
         left = np.abs(rest @ waves) / len(rest)
-        certain = left**2 > float(rest @ rest) / len(rest) ** 2 * math.log(len(told) / FALSE_ALARM)
-        return told[certain & (2.0 * left > ALONE * self.gain * np.abs(self.series.coefficients[orders >= FIRST_LINE]))]
+        certain = left**2 > float(rest @ rest) / len(rest) ** 2 * math.log(len(counted) / FALSE_ALARM)
+        return counted[
+            certain & (2.0 * left > ALONE * self.gain * np.abs(self.series.coefficients[orders >= FIRST_LINE]))
+        ]
 
     def _columns(self, shifted_s: FloatArray) -> list[FloatArray]:
         shown, slope = self.series.at(shifted_s)
@@ -311,7 +313,7 @@ class _Laid:
         keep = self.keep
         shifted_s = self.at_s + lag_s + drift * (self.at_s - self.middle_s)
         design = np.column_stack(self._columns(shifted_s))[keep]
-        wanted = self.wanted[keep]
+        target = self.target[keep]
         scale = np.sqrt(np.mean(design**2, axis=0))
         if np.any(scale == 0.0) or len(design) < design.shape[1] + 3:
             return None
@@ -319,15 +321,15 @@ class _Laid:
         normal = scaled.T @ scaled
         if self.force is not None:
             at = 4 if self.with_drift else 3
-            rest = wanted - scaled @ np.linalg.lstsq(scaled, wanted, rcond=None)[0]
+            rest = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
             normal[at, at] += float(rest @ rest) / len(rest) / (LARGEST_COMPLIANCE_m_N * scale[at]) ** 2
         try:
             inverse = np.linalg.inv(normal)
         except np.linalg.LinAlgError:
             return None
         influence = inverse @ scaled.T
-        solution = influence @ wanted
-        return _Fit(solution / scale, scale, inverse, influence, wanted - scaled @ solution, shifted_s[keep])
+        solution = influence @ target
+        return _Fit(solution / scale, scale, inverse, influence, target - scaled @ solution, shifted_s[keep])
 
     def _covariance(self, step: _Fit) -> FloatArray:
         """Covariance (p, p) of the columns' estimates."""
@@ -388,7 +390,7 @@ class _Laid:
         propagated = jacobian @ covariance @ jacobian.T
         std = np.sqrt(np.maximum(np.diag(propagated), 0.0))
         rest = step.rest
-        power = float(np.sum((self.wanted[self.keep] - np.mean(self.wanted[self.keep])) ** 2))
+        power = float(np.sum((self.target[self.keep] - np.mean(self.target[self.keep])) ** 2))
         return Match(
             lag_s, float(std[0]), drift, float(std[1]), self.middle_s,
             math.sqrt(max(0.0, 1.0 - float(rest @ rest) / power)) if power > 0.0 else 0.0, used,

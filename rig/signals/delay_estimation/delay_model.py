@@ -30,7 +30,7 @@ DELAY_TOLERANCE = 0.05
 SMALLEST_TOLERANCE_S = 2e-6
 FORGOTTEN = 0.001
 """Share of declared sensor delays that are wrong."""
-NOBODY_STATED = 0.04
+UNSTATED = 0.04
 """... of sensor delays that the bench file does not state."""
 INPUT_FORGOTTEN = 0.02
 """... of the delays of the controller's inputs."""
@@ -160,7 +160,7 @@ def weighed(force: Seen, displacement: Seen, input_s: float | None) -> Skew:
     if not any(seen.input for seen in both):
         return _unseen(both)
     space = _hypotheses(force.declared_s, displacement.declared_s, input_s)
-    shares = [FORGOTTEN if seen.declared_s is not None else NOBODY_STATED for seen in both]
+    shares = [FORGOTTEN if seen.declared_s is not None else UNSTATED for seen in both]
     logs, means, covariances = space.given(both)
     logs = logs + space.logs(*shares)
     weights = np.exp(logs - np.max(logs))

@@ -56,9 +56,9 @@ def doubted(laid: Match, reference: TimeSeries, series: Series, sensor: TimeSeri
         return laid
     apart_s = math.hypot(sampled_s, polled_s)
     by_phase = laid.compliance is None and sharp > RESOLVED
-    told_s = _by_phase(laid, reference, sensor, cycles, apart_s) if by_phase else None
+    phase_s = _by_phase(laid, reference, sensor, cycles, apart_s) if by_phase else None
     # It is an error of the lag alone: how it goes with a compliance stays as it is.
-    open_s = WITHIN * sharp * apart_s if told_s is None else told_s
+    open_s = WITHIN * sharp * apart_s if phase_s is None else phase_s
     return replace(laid, lag_std_s=math.hypot(laid.lag_std_s, open_s))
 
 
@@ -114,16 +114,16 @@ def _by_phase(
     """How far the match's lag is from those that the sensor's phases allow (s, rms); None where they are too few."""
     phases = _phases(sensor, cycles)
     inside = np.isfinite(reference.values) & (reference.time_s >= cycles.start_s) & (reference.time_s < cycles.end_s)
-    wanted = reference.values[inside]
-    if phases is None or len(wanted) < FEWEST_REFERENCES:
+    target = reference.values[inside]
+    if phases is None or len(target) < FEWEST_REFERENCES:
         return None
     count = len(phases.means)
     place = (reference.time_s[inside] - cycles.start_s) / cycles.period_s * count - phases.first
     reach_s = min(REACH * apart_s, MOST_OF_CYCLE * cycles.period_s, MOST_S)
     lags_s = laid.lag_s + np.linspace(-reach_s, reach_s, LAGS)
-    own = _noise(np.mod(place, count) / count, wanted)
+    own = _noise(np.mod(place, count) / count, target)
     steps = lags_s / cycles.period_s * count
-    squares, freedom = np.array([_misfit(phases, place + step, wanted, own, laid.gain) for step in steps]).T
+    squares, freedom = np.array([_misfit(phases, place + step, target, own, laid.gain) for step in steps]).T
     best = int(np.argmin(squares))
     # Two instruments never agree to their noise alone.
     lag_s, std_s = _likely(lags_s, squares / max(1.0, squares[best] / max(1.0, freedom[best])))
@@ -145,14 +145,14 @@ def _noise(phase: FloatArray, values: FloatArray) -> float:
 
 
 def _misfit(
-    phases: _Phases, place: FloatArray, wanted: FloatArray, own: float, gain: float
+    phases: _Phases, place: FloatArray, target: FloatArray, own: float, gain: float
 ) -> tuple[float, float]:
     """What is left of the reference at one lag: sum of squares over their variances, and degrees of freedom.
 
     Args:
         phases: of the sensor.
         place: where the reference's values (m,) lie among them.
-        wanted: these values.
+        target: these values.
         own: their noise.
         gain: of the sensor over the reference, about.
     """
@@ -160,7 +160,7 @@ def _misfit(
     many = np.bincount(between, minlength=len(phases.means))
     used = many > 0
     shown, seen = (
-        np.bincount(between, values, len(phases.means))[used] / many[used] for values in (phases.at(place), wanted)
+        np.bincount(between, values, len(phases.means))[used] / many[used] for values in (phases.at(place), target)
     )
     variance = own**2 / many[used] + (phases.doubts[used] ** 2 + phases.noise**2) / gain**2
     weight = 1.0 / variance

@@ -126,9 +126,9 @@ def match(
     chosen = np.flatnonzero(good)
     if len(chosen) > MOST_REFERENCES:
         chosen = chosen[:: -(-len(chosen) // MOST_REFERENCES)]
-    at_s, wanted = reference.time_s[chosen], reference.values[chosen]
+    at_s, target = reference.time_s[chosen], reference.values[chosen]
     finite = np.isfinite(values)
-    if len(at_s) < FEWEST_SAMPLES or np.count_nonzero(finite) < FEWEST_SAMPLES or np.ptp(wanted) == 0.0:
+    if len(at_s) < FEWEST_SAMPLES or np.count_nonzero(finite) < FEWEST_SAMPLES or np.ptp(target) == 0.0:
         return None
     smooth = smoothed(values, course.least_half)
     if smooth is None:
@@ -136,9 +136,9 @@ def match(
     values, finite = smooth, np.isfinite(smooth)
     if np.count_nonzero(finite) < FEWEST_SAMPLES:
         return None
-    lag_s = _coarse(at_s, wanted, time_s[finite], values[finite], reach_s)
+    lag_s = _coarse(at_s, target, time_s[finite], values[finite], reach_s)
     drift, middle_s = 0.0, float(np.mean(at_s))
-    problem = _Problem(at_s, wanted, time_s, values, period_s, middle_s, with_drift, course.cycle_s)
+    problem = _Problem(at_s, target, time_s, values, period_s, middle_s, with_drift, course.cycle_s)
     used: BoolArray | None = None
     step = None
     for _ in range(ROUNDS):
@@ -207,7 +207,7 @@ class _Step:
     keep: BoolArray
 
 
-def _coarse(at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: FloatArray, reach_s: float) -> float:
+def _coarse(at_s: FloatArray, target: FloatArray, time_s: FloatArray, values: FloatArray, reach_s: float) -> float:
     """The lag (s) within reach at which the two correlate best; 0 when the reach is small beside the signal."""
     best, best_lag_s = -2.0, 0.0
     steps = min(MOST_COARSE_STEPS, 2 * int(np.ceil(reach_s / COARSE_STEP_S)))
@@ -215,7 +215,7 @@ def _coarse(at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: Fl
         shown = np.interp(at_s + lag_s, time_s, values)
         if np.ptp(shown) == 0.0:
             continue
-        likeness = float(np.corrcoef(shown, wanted)[0, 1])
+        likeness = float(np.corrcoef(shown, target)[0, 1])
         if likeness > best:
             best, best_lag_s = likeness, float(lag_s)
     return best_lag_s
@@ -226,7 +226,7 @@ class _Problem:
     """The least squares: reference (m,) at its times, the sensor's samples (n,) at theirs, what is fitted."""
 
     at_s: FloatArray
-    wanted: FloatArray
+    target: FloatArray
     time_s: FloatArray
     values: FloatArray
     period_s: float
@@ -248,13 +248,13 @@ class _Problem:
         keep = np.isfinite(shown) & np.isfinite(straight) & np.isfinite(slope)
         if np.count_nonzero(keep) < FEWEST_SAMPLES:
             return None
-        noise = _noise(self.wanted[keep], shown[keep])
+        noise = _noise(self.target[keep], shown[keep])
         keep &= np.abs(np.nan_to_num(shown - straight)) <= max(UNRESOLVED_DEVIATIONS * noise, 1e-12)
         if used is not None and np.count_nonzero(keep & used) >= FEWEST_SAMPLES:
             keep &= used
-        if np.count_nonzero(keep) < FEWEST_SAMPLES or _stands_still(shown[keep]):
+        if np.count_nonzero(keep) < FEWEST_SAMPLES or _is_constant(shown[keep]):
             return None
-        keep &= np.abs(_residual(self.wanted, shown, keep)) <= OUTLIER_DEVIATIONS * noise
+        keep &= np.abs(_residual(self.target, shown, keep)) <= OUTLIER_DEVIATIONS * noise
         count = int(np.count_nonzero(keep))
         if count < FEWEST_SAMPLES:
             return None
@@ -264,23 +264,23 @@ class _Problem:
         design = np.column_stack(columns)
         scale = np.sqrt(np.mean(design**2, axis=0))
         scale[scale == 0.0] = 1.0
-        solution, _, rank, _ = np.linalg.lstsq(design / scale, self.wanted[keep], rcond=None)
+        solution, _, rank, _ = np.linalg.lstsq(design / scale, self.target[keep], rcond=None)
         gain = solution[1] / scale[1]
         if rank < design.shape[1] or gain <= 0.0:
             return None
-        rest = self.wanted[keep] - (design / scale) @ solution
+        rest = self.target[keep] - (design / scale) @ solution
         variance = float(rest @ rest) / max(count - design.shape[1], 1)
         inverse = np.linalg.inv((design / scale).T @ (design / scale))
         repeated = _repeated(design / scale * rest[:, None], (self.at_s[keep] - self.middle_s) / self.cycle_s)
         spread = np.sqrt(np.maximum(variance * np.diag(inverse), np.diag(inverse @ repeated @ inverse))) / scale / gain
-        power = float(np.sum((self.wanted[keep] - np.mean(self.wanted[keep])) ** 2))
+        power = float(np.sum((self.target[keep] - np.mean(self.target[keep])) ** 2))
         estimates = solution / scale / gain
         correlation = float(np.sqrt(max(0.0, 1.0 - float(rest @ rest) / power)))
         drift, drift_std = (float(estimates[3]), float(spread[3])) if self.with_drift else (0.0, 0.0)
         return _Step(float(estimates[2]), drift, float(spread[2]), drift_std, correlation, keep)
 
 
-def _stands_still(shown: FloatArray) -> bool:
+def _is_constant(shown: FloatArray) -> bool:
     """Whether a signal (m,) moves by no more than its rounding: no line can be laid through that.
 
     A cubic through equal samples leaves their last digit open. A least-squares line has full rank where the deviation
@@ -298,17 +298,17 @@ def _repeated(scores: FloatArray, cycles: FloatArray) -> FloatArray:
     return np.asarray(sums @ sums.T * (filled / max(filled - scores.shape[1], 1)), np.float64)
 
 
-def _residual(wanted: FloatArray, shown: FloatArray, keep: BoolArray) -> FloatArray:
+def _residual(target: FloatArray, shown: FloatArray, keep: BoolArray) -> FloatArray:
     """What a straight line from shown to wanted, fitted where `keep`, leaves (m,); infinite where nothing is shown."""
-    gain, offset = np.polyfit(shown[keep], wanted[keep], 1)
-    rest = wanted - offset - gain * np.nan_to_num(shown)
+    gain, offset = np.polyfit(shown[keep], target[keep], 1)
+    rest = target - offset - gain * np.nan_to_num(shown)
     return np.where(np.isfinite(shown), rest, np.inf)
 
 
-def _noise(wanted: FloatArray, shown: FloatArray) -> float:
+def _noise(target: FloatArray, shown: FloatArray) -> float:
     """Robust standard deviation of what a straight line from shown to wanted leaves."""
-    if _stands_still(shown):
-        return float(np.std(wanted))
-    gain, offset = np.polyfit(shown, wanted, 1)
-    rest = wanted - offset - gain * shown
+    if _is_constant(shown):
+        return float(np.std(target))
+    gain, offset = np.polyfit(shown, target, 1)
+    rest = target - offset - gain * shown
     return float(1.4826 * np.median(np.abs(rest - np.median(rest))))

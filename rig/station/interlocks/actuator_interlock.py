@@ -94,7 +94,7 @@ class ActuatorInterlock:
         self._program_s = duration_s
         self._program_began_s = math.nan
 
-    def judge(
+    def check(
         self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float, sent: Sent
     ) -> list[Finding]:
         """Take one status answer.
@@ -112,7 +112,7 @@ class ActuatorInterlock:
         self._follow_clock(status, findings)
         self._follow_bits(status, findings)
         if self.leased and (status.owner == self.owner_id or not self._has_lease):
-            findings += self._commands.judge(status, sent)
+            findings += self._commands.check(status, sent)
         self._follow_program(status, lvdt_m, lvdt_speed_m_s, findings)
         unknown = [name for name in self._measured if not math.isfinite(getattr(status, name))]
         if unknown:
@@ -121,7 +121,7 @@ class ActuatorInterlock:
         elif lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
         self._follow_path(status.position_m)
-        self.place.judge(status.position_m)
+        self.place.check(status.position_m)
         # Around a slow reversal the rod stays where it is for a while, though the controller moves it.
         moves = status.state in MOVING_STATES
         if moves or not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
@@ -316,7 +316,7 @@ class CommandWatch:
         self._pressurised = False
         self._unasked = 0
 
-    def judge(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
+    def check(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
         """Take one status that shows our lease."""
         findings = self._command(status, sent)
         if findings or status.fault_bits or status.state == State.TRIPPED:
@@ -363,9 +363,9 @@ class CommandWatch:
 
     def _doing(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
         """A motion that is being stopped, or a pressure that goes, was ordered here or follows a fault."""
-        asked_on = (_last(sent, PRESSURES) or (0, 0))[1] == Command.HYDRAULICS_ON
+        commanded_on = (_last(sent, PRESSURES) or (0, 0))[1] == Command.HYDRAULICS_ON
         pressureless = status.state in PRESSURELESS_STATES
-        self._pressurised = asked_on and (self._pressurised or not pressureless)
+        self._pressurised = commanded_on and (self._pressurised or not pressureless)
         stopping = status.state in STOPPING_STATES and not _stopped(sent)
         moving = status.state == State.MOVING and (_last(sent, MOTIONS) or (0, 0))[1] != Command.MOVE_TO
         self._unasked = self._unasked + 1 if stopping or moving or (pressureless and self._pressurised) else 0

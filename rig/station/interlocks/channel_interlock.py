@@ -67,7 +67,7 @@ class ChannelInterlock:
         self._saturated = 0
         self._faulty = 0
 
-    def judge(self, records: list[Record]) -> tuple[list[Record], list[Finding]]:
+    def check(self, records: list[Record]) -> tuple[list[Record], list[Finding]]:
         """Judge one batch of one channel's samples.
 
         Args:

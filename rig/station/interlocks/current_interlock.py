@@ -21,7 +21,7 @@ BUS_WINDOW_NS = 50_000_000
 CONSEQUENCE_NS = 50_000_000
 CONSEQUENCES = int(SourceFault.UNDERVOLTAGE | SourceFault.COMMAND_TIMEOUT)
 """What the ECU reports when the fault is elsewhere."""
-UNTOLD_PERIODS = 5
+UNREPORTED_PERIODS = 5
 """So many of the temperature's periods without one, counted in status frames."""
 
 _ECU_SLUGS = (
@@ -54,7 +54,7 @@ class CurrentInterlock:
         self._statuses = 0
         self._off = 0
 
-    def judge(self, status: SourceStatus, commanded_A: float, t_ns: int, set_points: int = 0) -> list[Finding]:
+    def check(self, status: SourceStatus, commanded_A: float, t_ns: int, set_points: int = 0) -> list[Finding]:
         """Take one status.
 
         Args:
@@ -109,21 +109,21 @@ class BusInterlock:
         self._bad = 0
         self._duplicates = 0
         self._lost = 0
-        self._foreign = 0
+        self._other_commands = 0
         self._bits = 0
         self._window_ns = 0
 
-    def forget_foreign(self, counted: SourceCounters) -> None:
+    def forget_others(self, counted: SourceCounters) -> None:
         """Other senders on our command id count from now on."""
-        self._foreign = counted.foreign_commands
+        self._other_commands = counted.foreign_commands
 
-    def judge(self, counted: SourceCounters, t_ns: int) -> list[Finding]:
+    def check(self, counted: SourceCounters, t_ns: int) -> list[Finding]:
         """Take the counters as they stand after a read that ended at `t_ns` (host monotonic)."""
         findings = [*self._frames(counted, t_ns), *self._load(counted, t_ns)]
-        if counted.foreign_commands > self._foreign:
+        if counted.foreign_commands > self._other_commands:
             detail = (
                 "frames with this host's command identifier received from another sender: "
-                f"{counted.foreign_commands - self._foreign}"
+                f"{counted.foreign_commands - self._other_commands}"
             )
             findings.append(Finding("can-foreign", detail, t_ns))
         return findings
@@ -178,19 +178,19 @@ class EcuInterlock:
         timing: SourceTiming = SourceTiming(),  # noqa: B008 - immutable
     ) -> None:
         self._timing = timing
-        self._untold_allowed = max(
-            FEWEST_STATUSES, round(UNTOLD_PERIODS * timing.temperature_s / timing.status_s)
+        self._unreported_allowed = max(
+            FEWEST_STATUSES, round(UNREPORTED_PERIODS * timing.temperature_s / timing.status_s)
         )
         self.current_limit_A = current_limit_A
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
         self._controller_polls = controller_polls
         self._boot_count: int | None = None
-        self._untold = 0
+        self._unreported = 0
         self._consequence: tuple[int, int] | None = None
 
-    def judge_status(self, status: SourceStatus, t_ns: int) -> list[Finding]:
+    def check_status(self, status: SourceStatus, t_ns: int) -> list[Finding]:
         """Take one SourceStatus that arrived at `t_ns` (host monotonic)."""
-        self._untold += 1
+        self._unreported += 1
         faults = status.faults
         if faults & CONSEQUENCES and self._controller_may_know(t_ns):
             faults &= ~CONSEQUENCES
@@ -218,9 +218,9 @@ class EcuInterlock:
         first_poll, since_ns = self._consequence
         return polls < first_poll + 2 and t_ns - since_ns < CONSEQUENCE_NS
 
-    def judge_temperature(self, temperature: SourceTemperature, t_ns: int) -> list[Finding]:
+    def check_temperature(self, temperature: SourceTemperature, t_ns: int) -> list[Finding]:
         """Take one SourceTemperature that arrived at `t_ns` (host monotonic)."""
-        self._untold = 0
+        self._unreported = 0
         findings: list[Finding] = []
         limit = self.coil_temperature_limit_degC
         if temperature.coil_degC > limit:
@@ -232,11 +232,11 @@ class EcuInterlock:
         self._boot_count = temperature.boot_count
         return findings
 
-    def judge_temperature_age(self, t_ns: int) -> list[Finding]:
+    def check_temperature_age(self, t_ns: int) -> list[Finding]:
         """Temperatures that stay away, by the statuses that came meanwhile; call it once a read's frames are judged."""
-        if not self._timing.temperature_s or self._untold <= self._untold_allowed:
+        if not self._timing.temperature_s or self._unreported <= self._unreported_allowed:
             return []
         status_ms = 1e3 * self._timing.status_s
-        age_ms, allowed_ms = round(status_ms * self._untold), round(status_ms * self._untold_allowed)
+        age_ms, allowed_ms = round(status_ms * self._unreported), round(status_ms * self._unreported_allowed)
         detail = f"ecu: no coil temperature for {age_ms} ms (ECU clock), allowed: {allowed_ms} ms"
         return [Finding("ecu-silent", detail, t_ns, age_ms / 1e3, allowed_ms / 1e3)]

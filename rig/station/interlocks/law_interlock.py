@@ -38,7 +38,7 @@ class LawInterlock:
         self._seen = deque(maxlen=self._statuses)
         self._off, self._commanded = 0, law
 
-    def judge(self, status: SourceStatus, commanded_A: float, t_ns: int) -> list[Finding]:
+    def check(self, status: SourceStatus, commanded_A: float, t_ns: int) -> list[Finding]:
         """Take one status.
 
         Args:
@@ -50,16 +50,16 @@ class LawInterlock:
         seen.append((status.current_A, commanded_A))
         if not self._commanded or len(seen) < self._statuses:
             return []
-        commands_A = [asked_A for _, asked_A in seen]
+        commands_A = [requested_A for _, requested_A in seen]
         measured_A = sum(seen_A for seen_A, _ in seen) / self._statuses
-        asked_A = sum(commands_A) / self._statuses
+        requested_A = sum(commands_A) / self._statuses
         span_A = max(commands_A) - min(commands_A)
-        allowed_A = TRACKING_A + TRACKING_SHARE * abs(asked_A) + self._settling * span_A
-        self._off = self._off + 1 if not abs(measured_A - asked_A) <= allowed_A else 0
+        allowed_A = TRACKING_A + TRACKING_SHARE * abs(requested_A) + self._settling * span_A
+        self._off = self._off + 1 if not abs(measured_A - requested_A) <= allowed_A else 0
         if self._off != CONSECUTIVE:
             return []
         detail = (
-            f"mean of {self._statuses} status messages: measured {measured_A:.3f} A, commanded {asked_A:.3f} A, "
+            f"mean of {self._statuses} status messages: measured {measured_A:.3f} A, commanded {requested_A:.3f} A, "
             f"allowed difference {allowed_A:.3f} A"
         )
-        return [Finding("current-tracking", detail, t_ns, measured_A, asked_A)]
+        return [Finding("current-tracking", detail, t_ns, measured_A, requested_A)]

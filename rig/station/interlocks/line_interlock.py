@@ -35,7 +35,7 @@ class LineInterlock:
         self._batches: deque[tuple[int, int]] = deque()
         self._good = self._damaged = 0
 
-    def judge(self, good: int, damaged: int, t_ns: int) -> list[Finding]:
+    def check(self, good: int, damaged: int, t_ns: int) -> list[Finding]:
         """Take one read: `good` and `damaged` frames in it, arrived at `t_ns` (host monotonic)."""
         self._batches.append((good, damaged))
         self._good += good

@@ -118,7 +118,7 @@ class EchoWatch:
     def __init__(self) -> None:
         self._missing = 0
 
-    def judge(self, counter: int, status: ActuatorStatus) -> list[Finding]:
+    def check(self, counter: int, status: ActuatorStatus) -> list[Finding]:
         """The echo must be there; not once, for a slow device, but in a row it is a fault.
 
         Args:

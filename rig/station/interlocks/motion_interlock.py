@@ -46,7 +46,7 @@ class Place:
         self._held_m = position_m
         self._beyond = 0
 
-    def judge(self, position_m: float) -> None:
+    def check(self, position_m: float) -> None:
         """Take one measurement (m)."""
         self._beyond = self._beyond + 1 if abs(position_m - self._held_m) > LEFT_M else 0
 
@@ -101,7 +101,7 @@ class MotionInterlock:
         """Compare what follows with the position at which the rod rests now; with none while that is not known."""
         self.place.hold(self._anchor_m)
 
-    def judge(self, records: list[Record]) -> list[Finding]:
+    def check(self, records: list[Record]) -> list[Finding]:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
         for host_ns, device_us, value, sequence, _, flags in records:
@@ -120,10 +120,10 @@ class MotionInterlock:
             if len(self._recent) == self._span:
                 before_s, before_m = self._recent[0]
                 self.speed_m_s = (value - before_m) / (t_s - before_s)
-                self._judge_speed(host_ns, findings)
+                self._check_speed(host_ns, findings)
             self._recent.append((t_s, value))
             self._latest_s = t_s
-            self.place.judge(value)
+            self.place.check(value)
             if len(self._shown) < 2:
                 self._shown.add(value)
             if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
@@ -138,7 +138,7 @@ class MotionInterlock:
             self.speed_m_s = math.nan
             self.restart_still()
 
-    def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
+    def _check_speed(self, host_ns: int, findings: list[Finding]) -> None:
         speed_m_s = abs(self.speed_m_s)
         self._over = self._over + 1 if speed_m_s > self.speed_limit_m_s else 0
         if self._over >= CONSECUTIVE:
@@ -179,7 +179,7 @@ class StandingInterlock:
         self._repeats = 0
         self._follow(reference)
 
-    def judge(self, repeats: int, reference: Reference, *, fine: bool, step: float) -> bool:
+    def check(self, repeats: int, reference: Reference, *, fine: bool, step: float) -> bool:
         """Take one read.
 
         Args:

@@ -31,7 +31,7 @@ FOLLOWED_M = 2e-3
 """How far the rod may be from all set-points of the last two polls and `SERVO_S`."""
 SERVO_S = 0.03
 """A position loop follows its set-point so much later at most."""
-STANDS_SHARE = 0.2
+REST_SHARE = 0.2
 """A rod that moves less than this share of what its set-points of the last `REMEMBERED_STEPS` do stands still."""
 REMEMBERED_STEPS = 10
 LIMIT_SLACK = 1e-6
@@ -88,10 +88,10 @@ class StepCount:
 
     def quantile_s(self, share: float) -> float:
         """So much after its time, or less, that share of the set-points was sent (s); to 0.1 ms, rounded up."""
-        wanted, seen = share * sum(self._bins), 0
+        count_needed, seen = share * sum(self._bins), 0
         for place, count in enumerate(self._bins):
             seen += count
-            if seen >= wanted and seen:
+            if seen >= count_needed and seen:
                 return min(self.worst_s, (place + 1) * BIN_S)
         return 0.0
 
@@ -129,7 +129,7 @@ class SetpointInterlock:
         self._in_a_row = 0
         self._apart = 0
         steps = max(REMEMBERED_STEPS, self._servo_steps)
-        self._told: deque[Setpoint] = deque(maxlen=steps)
+        self._sent_points: deque[Setpoint] = deque(maxlen=steps)
         self._gone_m: deque[float] = deque(maxlen=steps)
 
     def restart(self) -> None:
@@ -138,7 +138,7 @@ class SetpointInterlock:
         self._recent.clear()
         self._omitted.clear()
         self._in_a_row = self._apart = 0
-        self._told.clear()
+        self._sent_points.clear()
         self._gone_m.clear()
 
     def sent(self, late_s: float, t_ns: int) -> list[Finding]:
@@ -200,7 +200,7 @@ class SetpointInterlock:
             position_m: the device's own position (m).
             t_ns: host time of the answer.
         """
-        self._told.append(sent)
+        self._sent_points.append(sent)
         self._gone_m.append(position_m)
         shows = math.isfinite(taken_m)
         apart_m, allowed_m = self._by_setpoint(taken_m) if shows else self._by_rod(position_m)
@@ -217,17 +217,17 @@ class SetpointInterlock:
 
     def _by_setpoint(self, taken_m: float) -> tuple[float, float]:
         """How far the set-point that the device shows is from the one sent (m), and how far it may be."""
-        fastest_m_s = max(abs(told.velocity_m_s) for told in self._told)
-        return abs(self._told[-1].position_m - taken_m), TAKEN_M + fastest_m_s * self._polls_s
+        fastest_m_s = max(abs(sent.velocity_m_s) for sent in self._sent_points)
+        return abs(self._sent_points[-1].position_m - taken_m), TAKEN_M + fastest_m_s * self._polls_s
 
     def _by_rod(self, position_m: float) -> tuple[float, float]:
         """How far the rod is from what was sent (m), and how far it may be; it follows some time later."""
-        places_m = [told.position_m for told in self._told]
+        places_m = [sent.position_m for sent in self._sent_points]
         span_m, gone_m = max(places_m) - min(places_m), max(self._gone_m) - min(self._gone_m)
-        if span_m > 2.0 * FOLLOWED_M and gone_m < STANDS_SHARE * span_m:
-            return span_m - gone_m, (1.0 - STANDS_SHARE) * span_m
+        if span_m > 2.0 * FOLLOWED_M and gone_m < REST_SHARE * span_m:
+            return span_m - gone_m, (1.0 - REST_SHARE) * span_m
         recent_m = places_m[-self._servo_steps :]
         # A device that takes no speed is told where the rod is to be a period later, and may be there at once.
-        recent_m += [told.position_m + 0.5 * self._polls_s * told.velocity_m_s for told in self._told][-3:]
+        recent_m += [sent.position_m + 0.5 * self._polls_s * sent.velocity_m_s for sent in self._sent_points][-3:]
         beyond_m = max(min(recent_m) - position_m, position_m - max(recent_m), 0.0)
         return beyond_m, FOLLOWED_M

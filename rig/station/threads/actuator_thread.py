@@ -61,14 +61,14 @@ class ActuatorThread(DeviceThread):
         self,
         config: ActuatorConfig,
         driver: Actuator,
-        judge: ActuatorInterlock,
+        interlock: ActuatorInterlock,
         travel: Travel,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
         super().__init__("actuator", SILENT)
         self.config = config
-        self.judge = judge
+        self.interlock = interlock
         self.identity: ActuatorIdentity | None = None
         self.polls = 0
         self.failures = 0
@@ -161,15 +161,15 @@ class ActuatorThread(DeviceThread):
     def restart_still(self) -> None:
         """Begin the proof of standstill anew: what counts is read after the stop command was sent."""
         self._anew = True
-        self.judge.place.hold(math.nan)
+        self.interlock.place.hold(math.nan)
 
     def hold_place(self) -> None:
         """Standstill is proved: the rod has to stay where it is."""
-        self.judge.hold_place()
+        self.interlock.hold_place()
 
     def left_place(self, now_ns: int) -> bool:
         """A fresh status shows the rod away from where its standstill was proved."""
-        return self.judge.place.left and self.fresh_status(now_ns) is not None
+        return self.interlock.place.left and self.fresh_status(now_ns) is not None
 
     def call(self, job: Callable[[Actuator], T], timeout_s: float) -> T:
         """Run `job` with the driver on this thread and return its result.
@@ -199,18 +199,18 @@ class ActuatorThread(DeviceThread):
         with self._wake:
             self._wake.notify()
 
-    def wait_status(self, wanted: Callable[[ActuatorStatus], bool], timeout_s: float) -> ActuatorStatus | None:
+    def wait_status(self, reached: Callable[[ActuatorStatus], bool], timeout_s: float) -> ActuatorStatus | None:
         """The first status from now on that is wanted; None after `timeout_s` wall seconds."""
-        judge = self.judge
+        interlock = self.interlock
         with self.status_changed:
             came = wait_for(
-                self.status_changed, lambda: judge.status is not None and wanted(judge.status), timeout_s
+                self.status_changed, lambda: interlock.status is not None and reached(interlock.status), timeout_s
             )
-            return judge.status if came else None
+            return interlock.status if came else None
 
     def fresh_status(self, now_ns: int) -> ActuatorStatus | None:
         """The last status, None when it is stale: not answered, or answered by a controller whose heartbeat stands."""
-        return self.judge.status if now_ns - self._last_ns <= self._stale_ns and not self.judge.frozen else None
+        return self.interlock.status if now_ns - self._last_ns <= self._stale_ns and not self.interlock.frozen else None
 
     def rests(self, now_ns: int) -> bool:
         """A fresh status says that the rod stands; without one this is unknown."""
@@ -220,13 +220,13 @@ class ActuatorThread(DeviceThread):
         """Moving, clock (s), hydraulics low, hydraulics off; None without a fresh status, moving without a position."""
         if (status := self.fresh_status(now_ns)) is None:
             return None, None, None, None
-        moves = self._anew or self.judge.moving(STILL_S, self._supervisor.movement.period_s)
+        moves = self._anew or self.interlock.moving(STILL_S, self._supervisor.movement.period_s)
         moving = moves if math.isfinite(status.position_m) else None
         if not self.capabilities.hydraulics:
             # There is no pressure to take away: standing still is all that can be proved.
             rests = moving is False and not self.left_place(now_ns) and not self._travel.left_place(now_ns)
-            return moving, self.judge.clock_s, rests, rests
-        return moving, self.judge.clock_s, status.hydraulics_low, status.hydraulics_off
+            return moving, self.interlock.clock_s, rests, rests
+        return moving, self.interlock.clock_s, status.hydraulics_low, status.hydraulics_off
 
     @property
     def stop_taken(self) -> bool:
@@ -242,8 +242,8 @@ class ActuatorThread(DeviceThread):
         return self._reference(lambda status: status.position_m)
 
     def _reference(self, quantity: Callable[[ActuatorStatus], float]) -> Reference:
-        status = self.judge.status
-        return Reference(self.polls, self.judge.path_m, math.nan if status is None else quantity(status))
+        status = self.interlock.status
+        return Reference(self.polls, self.interlock.path_m, math.nan if status is None else quantity(status))
 
     @property
     def state_name(self) -> str | None:
@@ -324,7 +324,7 @@ class ActuatorThread(DeviceThread):
         waiting, unanswered = self._actions, None
         if self._anew and waiting - PRESSURE_ACTIONS:
             self._anew = False
-            self.judge.restart_still()
+            self.interlock.restart_still()
         weakest_first = [action for action in COMMANDS if action in waiting]
         for place, action in enumerate(weakest_first):
             try:
@@ -377,7 +377,7 @@ class ActuatorThread(DeviceThread):
             status = self._driver.exchange(self._counter)
             self._feed_ns = 0
             if self.capabilities.echo:
-                self._supervisor.report(self._echo.judge(self._counter, status))
+                self._supervisor.report(self._echo.check(self._counter, status))
         else:
             status = self._driver.read_status()
         self.polls += 1
@@ -390,7 +390,7 @@ class ActuatorThread(DeviceThread):
         self.clock.take(status.received_ns, device_us)
         self._append(records)
         lvdt_m = self._travel.position_m(status.received_ns)
-        findings = self.judge.judge(status, lvdt_m, self._travel.speed_m_s, self._driver.sent)
+        findings = self.interlock.check(status, lvdt_m, self._travel.speed_m_s, self._driver.sent)
         if findings:
             self._supervisor.report(findings)
         self._stream.answered(status)
@@ -442,5 +442,5 @@ class ActuatorThread(DeviceThread):
         except DriverError:
             self._ending.wait(REOPEN_PAUSE_S)
             raise
-        self.judge.restart()
+        self.interlock.restart()
         self._linked = True

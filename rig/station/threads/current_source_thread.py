@@ -41,13 +41,13 @@ class CurrentSourceThread(ReadingThread):
         self,
         config: EcuConfig,
         driver: CurrentSource,
-        judge: EcuInterlock,
+        interlock: EcuInterlock,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
         super().__init__("ecu", "ecu-silent", config.silent_after_s)
         self.config = config
-        self.judge = judge
+        self.interlock = interlock
         self._driver = driver
         self._supervisor = supervisor
         self._append = append
@@ -55,15 +55,15 @@ class CurrentSourceThread(ReadingThread):
         self._listener = Listener(supervisor.host, self._last_ns)
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
-        self._bus_judge = BusInterlock(config.bitrate)
+        self._bus_interlock = BusInterlock(config.bitrate)
         self._settle_s = driver.traits.settling_s / min(1.0, supervisor.config.device_rate)
-        self._current_judge = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
-        self.law_judge = LawInterlock(driver.timing, driver.traits.settling_s)
+        self._current_interlock = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
+        self.law_interlock = LawInterlock(driver.timing, driver.traits.settling_s)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
-        self._stamps_told = False
-        self._not_numbers_told: set[Channel] = set()
+        self._stamps_reported = False
+        self._not_numbers_reported: set[Channel] = set()
         self._zeroed = True
         self._zeroed_ns = self._before_ns = 0
         self._command_lock = threading.Lock()
@@ -103,7 +103,7 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
-            self._bus_judge.forget_foreign(self._driver.counters)
+            self._bus_interlock.forget_others(self._driver.counters)
             self._command(0.0, enable=False, clear_faults=True)
             self._driver.start(self.config.command_period_s)
             self._zeroed = False
@@ -342,16 +342,16 @@ class CurrentSourceThread(ReadingThread):
     def _read(self) -> None:
         self._listener.restart(monotonic_ns())
         while not self._ending.is_set():
-            asked_s = self._patience_s()
+            request_s = self._patience_s()
             try:
-                batch = self._driver.read_batch(asked_s)
+                batch = self._driver.read_batch(request_s)
             except DriverError as error:
                 self.port_lost = str(error)
                 self._supervisor.report([Finding("can-lost", self.port_lost, monotonic_ns())])
                 return
-            blind_ns = self._listener.returned(asked_s, batch.arrival_ns, heard=bool(batch.statuses))
+            blind_ns = self._listener.returned(request_s, batch.arrival_ns, heard=bool(batch.statuses))
             late = blind_ns > self._late_after_ns
-            findings = self._judge(batch, late=late)
+            findings = self._check_batch(batch, late=late)
             if findings:
                 self._supervisor.report(findings)
             if batch.records:
@@ -365,7 +365,7 @@ class CurrentSourceThread(ReadingThread):
         left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
         return min(left_s, self._timeout_s) if left_s > 0.0 else self._timeout_s
 
-    def _judge(self, batch: SourceBatch, *, late: bool = False) -> list[Finding]:
+    def _check_batch(self, batch: SourceBatch, *, late: bool = False) -> list[Finding]:
         """Judge what one read gave; `late`: it may have waited while the station did not run."""
         now_ns = batch.arrival_ns
         findings: list[Finding] = []
@@ -373,20 +373,20 @@ class CurrentSourceThread(ReadingThread):
         if batch.statuses:
             self._before_ns, self._last_ns = self._last_ns, now_ns
         for status in batch.statuses:
-            findings += self.judge.judge_status(status, now_ns)
+            findings += self.interlock.check_status(status, now_ns)
             if not late and self._driver.traits.measures:
                 # What waited may be from before the set-point.
-                findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
-                findings += self.law_judge.judge(status, commanded_A, now_ns)
-        self._tell_stamps()
-        self._tell_not_numbers()
+                findings += self._current_interlock.check(status, commanded_A, now_ns, self._set_points)
+                findings += self.law_interlock.check(status, commanded_A, now_ns)
+        self._report_stamps()
+        self._report_not_numbers()
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
         for temperature in batch.temperatures:
-            findings += self.judge.judge_temperature(temperature, now_ns)
-        findings += self.judge.judge_temperature_age(now_ns)
-        findings += self._bus_judge.judge(self._driver.counters, now_ns)
+            findings += self.interlock.check_temperature(temperature, now_ns)
+        findings += self.interlock.check_temperature_age(now_ns)
+        findings += self._bus_interlock.check(self._driver.counters, now_ns)
         if self._driver.send_error is not None:
             findings.append(Finding("can-lost", f"command frames stopped: {self._driver.send_error}", now_ns))
         elif self._zero_error is not None:
@@ -396,22 +396,22 @@ class CurrentSourceThread(ReadingThread):
         silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
         return findings if silence is None else [*findings, silence]
 
-    def _tell_stamps(self) -> None:
+    def _report_stamps(self) -> None:
         """Say once that frames are timed by the interface, and how well."""
         uncertainty_ns = self._driver.counters.stamps_ns
-        if uncertainty_ns and not self._stamps_told:
-            self._stamps_told = True
-            self._supervisor.tell(
+        if uncertainty_ns and not self._stamps_reported:
+            self._stamps_reported = True
+            self._supervisor.warn(
                 "ecu-time-stamps",
                 "the CAN interface time-stamps the frames; the time stamps are converted to this host's clock to "
                 f"within {uncertainty_ns / 1e3:.0f} us plus the shortest read time",
             )
 
-    def _tell_not_numbers(self) -> None:
+    def _report_not_numbers(self) -> None:
         """Report once for each channel that its value is no number; the rest of its frames is used."""
-        for channel in self._driver.counters.not_numbers.keys() - self._not_numbers_told:
-            self._not_numbers_told.add(channel)
-            self._supervisor.tell(
+        for channel in self._driver.counters.not_numbers.keys() - self._not_numbers_reported:
+            self._not_numbers_reported.add(channel)
+            self._supervisor.warn(
                 "ecu-value-missing",
                 f"the {channel.name.lower().replace('_', ' ')} in some frames is not a finite number: this value is "
                 "discarded, and the rest of the frame is used",

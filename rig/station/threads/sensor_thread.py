@@ -71,7 +71,7 @@ class SensorThread(ReadingThread):
         super().__init__(config.label, role.slug, config.stale_after_s)
         device_rate = supervisor.config.device_rate
         self.config = config
-        self.judge = role.interlock
+        self.interlock = role.interlock
         self.motion = role.motion
         self.lost = 0
         self.samples = 0
@@ -167,25 +167,25 @@ class SensorThread(ReadingThread):
                     self._driver.discard_input()
                     fresh = True
                     self._listener.restart(monotonic_ns())
-                asked_s = self._patience_s()
-                batch = self._driver.read_batch(asked_s)
+                request_s = self._patience_s()
+                batch = self._driver.read_batch(request_s)
             except DriverError as error:
                 self.port_lost = str(error)
                 slug = "usb-renumber" if self._driver.moved else self.slug
                 self._supervisor.report([Finding(slug, self.port_lost, monotonic_ns())])
                 return
-            blind_ns = self._listener.returned(asked_s, batch.arrival_ns, heard=bool(batch.records))
+            blind_ns = self._listener.returned(request_s, batch.arrival_ns, heard=bool(batch.records))
             if blind_ns > self._late_after_ns:
                 self._waited = math.ceil(1e-9 * blind_ns * self._waiting_rate_Hz)
             samples = [record for record in batch.records if record[4] == self._channel]
-            self._judge_line(len(samples), batch.arrival_ns)
+            self._check_line(len(samples), batch.arrival_ns)
             if samples:
                 self._take(samples)
             if any(math.isfinite(record[2]) for record in samples):
                 self._last_ns = batch.arrival_ns
             else:
                 # A sample without a value leaves the channel as old as it was.
-                self._judge_silence(batch.arrival_ns)
+                self._check_silence(batch.arrival_ns)
             if len(samples) != len(batch.records):
                 self._append([record for record in batch.records if record[4] != self._channel])
             self.lost += batch.lost
@@ -196,14 +196,14 @@ class SensorThread(ReadingThread):
         return min(left_s, READ_TIMEOUT_S) if left_s > 0.0 else LOOK_AGAIN_S
 
     def _take(self, samples: list[Record]) -> None:
-        records, findings = self.judge.judge(samples)
+        records, findings = self.interlock.check(samples)
         if self._waited:
             records = self._flagged(records)
         if self.motion is not None:
-            findings += self.motion.judge(records)
-        if self.judge.repeats >= self._stuck_samples and not self._supervisor.armed:
+            findings += self.motion.check(records)
+        if self.interlock.repeats >= self._stuck_samples and not self._supervisor.armed:
             self._repeats_at_rest = True
-        if self._stands():
+        if self._is_stuck():
             findings.append(self._stuck(records[-1][0]))
         if findings:
             self._supervisor.report(findings)
@@ -222,31 +222,31 @@ class SensorThread(ReadingThread):
         stale = int(Quality.STALE)
         return [(*record[:5], record[5] | stale) for record in late] + records[len(late) :]
 
-    def _stands(self) -> bool:
+    def _is_stuck(self) -> bool:
         """The value repeats while the controller's does not."""
-        judge = self.judge
+        interlock = self.interlock
         if self._reference is None:
             return False
-        if judge.repeats == 0:
+        if interlock.repeats == 0:
             self._standing.forget(self._reference())
             return False
-        step = judge.step if math.isfinite(judge.step) else 0.0
-        return self._standing.judge(judge.repeats, self._reference(), fine=judge.fine, step=step)
+        step = interlock.step if math.isfinite(interlock.step) else 0.0
+        return self._standing.check(interlock.repeats, self._reference(), fine=interlock.fine, step=step)
 
     def _stuck(self, t_ns: int) -> Finding:
         """A value that repeats in motion: stuck, or at an amplifier's end if nothing greater (or less) was ever shown.
 
         Either way the force or the position is not seen, so either way the rig stops.
         """
-        slug = "sensor-saturated" if self.judge.at_extreme else "sensor-stuck"
-        value = self.judge.last_value
-        detail = f"{self.name}: {self.judge.repeats} identical samples ({value:g}) during motion"
+        slug = "sensor-saturated" if self.interlock.at_extreme else "sensor-stuck"
+        value = self.interlock.last_value
+        detail = f"{self.name}: {self.interlock.repeats} identical samples ({value:g}) during motion"
         return Finding(slug, detail, t_ns, value)
 
-    def _judge_line(self, good: int, t_ns: int) -> None:
+    def _check_line(self, good: int, t_ns: int) -> None:
         damaged = self._driver.bad_frames - self._bad_frames
         self._bad_frames += damaged
-        findings = self._line.judge(good, damaged, t_ns) if good or damaged else []
+        findings = self._line.check(good, damaged, t_ns) if good or damaged else []
         if findings:
             self._supervisor.report(findings)
 
@@ -264,7 +264,7 @@ class SensorThread(ReadingThread):
         """A first sample has come, or the rig is armed."""
         return self.samples > 0 or self._supervisor.armed
 
-    def _judge_silence(self, now_ns: int) -> None:
+    def _check_silence(self, now_ns: int) -> None:
         if not self.begun:
             return
         garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._garbage
@@ -279,7 +279,7 @@ class SensorThread(ReadingThread):
 
     def value(self, now_ns: int) -> float | None:
         """Latest good value (SI), None when stale or before the first."""
-        value = self.judge.last_value
+        value = self.interlock.last_value
         return value if self.fresh(now_ns) and not math.isnan(value) else None
 
     def position_m(self, now_ns: int) -> float | None:
@@ -293,7 +293,7 @@ class SensorThread(ReadingThread):
         against it.
         """
         motion, samples = self.motion, math.inf if self._repeats_at_rest else self._stuck_samples
-        if motion is None or motion.blind or self.samples == 0 or self.judge.says_nothing(samples):
+        if motion is None or motion.blind or self.samples == 0 or self.interlock.says_nothing(samples):
             return None
         return motion.still_s if self.fresh(now_ns) else None
 
@@ -303,7 +303,7 @@ class SensorThread(ReadingThread):
 
         A quiet one that rests cannot be told from one that followed the rod for a while and is stuck.
         """
-        return self.motion is not None and self.motion.changed and self.judge.repeats < self._stuck_samples
+        return self.motion is not None and self.motion.changed and self.interlock.repeats < self._stuck_samples
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

@@ -43,7 +43,7 @@ def matrix(folder: Path, text: str = MATRIX) -> Matrix:
     return load_matrix(folder / "matrix.toml")
 
 
-def test_nothing_else_is_needed_and_the_pressure_is_off_while_somebody_is_asked(tmp_path: Path) -> None:
+def test_nothing_else_is_needed_and_the_pressure_is_off_while_somebody_is_requested(tmp_path: Path) -> None:
     ecu = bench(tmp_path).ecu
     assert (ecu.pressure_while_asked, ecu.answer_within_s, ecu.rehearsal) == ("off", 600.0, None)
     assert wearing(tmp_path / "bench.toml")[2:4] == ("--by-hand", "off")
@@ -115,7 +115,7 @@ def test_only_an_empty_line_typed_after_the_question_confirms() -> None:
         os.close(slave)
 
 
-def test_what_was_said_stays_said_whatever_a_stop_commands() -> None:
+def test_what_was_stated_stays_stated_whatever_a_stop_commands() -> None:
     source = make_manual_source(None)
     source.open()
     source.start(0.01)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
-from rig.campaign.kept_files import keep_bench
+from rig.campaign.file_copies import keep_bench
 from rig.campaign.machine_resources import station_config
 from rig.errors import FileProblem
 
@@ -58,7 +58,7 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ecu", "said"),
+    ("ecu", "message"),
     [
         ('dbc = "coil-driver.dbc"', 'a DBC file requires roles.*write roles = "ecu-roles.toml"'),
         ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'a DBC file; "demo" already defines the meaning'),
@@ -67,12 +67,12 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
         (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"belongs in \[ecu\]\. Fix"),
     ],
 )
-def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, said: str) -> None:
-    with pytest.raises(FileProblem, match=rf"line \d+: ecu\..*{said}"):
+def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, message: str) -> None:
+    with pytest.raises(FileProblem, match=rf"line \d+: ecu\..*{message}"):
         Bench.load(bench(folder, ecu))
 
 
-def _mended(folder: Path) -> Path:
+def _fixed(folder: Path) -> Path:
     shutil.copy(EXAMPLES / "coil-driver.dbc", folder)
     return folder
 
@@ -83,7 +83,7 @@ def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refu
     with pytest.raises(FileProblem, match=r"limits\.current = .*exceeds the set-point range of the current source"):
         Bench.load(bench(folder))
     with pytest.raises(FileProblem, match=r"ecu\.command_period = .*too long for an ECU with a time-out of 60 ms"):
-        Bench.load(bench(_mended(folder), f'{BY_FILE}\ncommand_period = "40 ms"\nstale_after = "90 ms"'))
+        Bench.load(bench(_fixed(folder), f'{BY_FILE}\ncommand_period = "40 ms"\nstale_after = "90 ms"'))
     slow = 'periods = {DriverStatus = "20 ms"}\n' + ROLES
     (folder / "coil-driver-roles.toml").write_text(slow, encoding="utf-8")
     dbc.write_text((EXAMPLES / "coil-driver.dbc").read_text(), encoding="utf-8")

@@ -11,7 +11,7 @@ from drivers.sensor_formats import described_format
 from protocols.binary_format import BinaryFormat
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
-from rig.campaign.kept_files import keep_bench
+from rig.campaign.file_copies import keep_bench
 from rig.campaign.machine_resources import station_config
 from rig.errors import FileProblem
 from rig.files.descriptions import table_of
@@ -47,9 +47,9 @@ CALIBRATION = 'sensitivity = 1.0                  # N per unit on the wire\noffs
 
 
 def refused(path: Path) -> list[str]:
-    with pytest.raises(FileProblem) as told:
+    with pytest.raises(FileProblem) as caught:
         Bench.load(path)
-    return told.value.problems
+    return caught.value.problems
 
 
 def test_a_format_s_file_is_looked_for_beside_the_bench_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,7 +80,7 @@ def test_a_kept_bench_file_finds_its_format_again(tmp_path: Path) -> None:
     assert Bench.load(kept / "bench.toml").load_cell.format == str(kept / "cell.toml")
 
 
-def test_every_problem_of_a_format_s_file_is_told_with_its_line(tmp_path: Path) -> None:
+def test_every_problem_of_a_format_s_file_is_reported_with_its_line(tmp_path: Path) -> None:
     wrong = FORMAT.replace("crc16-modbus", "crc16-modbis").replace('"i32"', '"i33"').replace("length", "length_")
     problems = refused(bench(tmp_path, BY_FILE, described=wrong))
     assert len(problems) == 3

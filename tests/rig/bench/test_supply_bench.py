@@ -9,7 +9,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
 from rig.bench.settings_json import from_json
-from rig.campaign.kept_files import keep_bench
+from rig.campaign.file_copies import keep_bench
 from rig.campaign.machine_resources import device_names, station_config
 from rig.campaign.setup import accepted
 from rig.errors import FileProblem, Refused
@@ -105,19 +105,19 @@ def test_a_table_says_the_same_as_a_file(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_missing_or_wrong_is_named_with_its_place(tmp_path: Path, before: str, after: str, says: str) -> None:
-    told = problems(tmp_path, SUPPLY.replace(before, after))
-    assert any(says in line for line in told), told
+    found = problems(tmp_path, SUPPLY.replace(before, after))
+    assert any(says in line for line in found), found
 
 
-def test_everything_wrong_in_both_files_is_told_together(tmp_path: Path) -> None:
+def test_everything_wrong_in_both_files_is_reported_together(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(OWN.replace("[0, 5]", "[1, 5]").replace("I?", "I{x}?"), encoding="utf-8")
-    told = problems(tmp_path, '[ecu]\nurl = "tcp://a"\nsupply = "mine.toml"\n')
-    assert any("requires a host and a port" in line for line in told)
-    assert any("mine.toml: line 5: commands.measure_current = " in line for line in told)
-    assert any("mine.toml: line 2: range.current_A = [1, 5]: does not include 0 A" in line for line in told)
+    found = problems(tmp_path, '[ecu]\nurl = "tcp://a"\nsupply = "mine.toml"\n')
+    assert any("requires a host and a port" in line for line in found)
+    assert any("mine.toml: line 5: commands.measure_current = " in line for line in found)
+    assert any("mine.toml: line 2: range.current_A = [1, 5]: does not include 0 A" in line for line in found)
     (tmp_path / "mine.toml").write_text(OWN, encoding="utf-8")
-    told = problems(tmp_path, '[ecu]\nurl = "tcp://a:1"\nsupply = "mine.toml"\n')
-    assert any("stale_after" in line for line in told)
+    found = problems(tmp_path, '[ecu]\nurl = "tcp://a:1"\nsupply = "mine.toml"\n')
+    assert any("stale_after" in line for line in found)
 
 
 OUTPUT = """[range]
@@ -148,8 +148,8 @@ def test_an_analogue_output_is_reached_by_modbus_and_is_not_measured_unless_it_s
     shared = BY_OUTPUT.replace("modbus-tcp://192.168.0.30:502", line)
     assert any("is the serial line of [actuator]" in line for line in problems(tmp_path, shared, head))
     (tmp_path / "mine.toml").write_text(OUTPUT.replace('"A"', '"m"'), encoding="utf-8")
-    told = problems(tmp_path, BY_OUTPUT)
-    assert any("mine.toml: line 4: quantities.current: must be a current" in line for line in told), told
+    found = problems(tmp_path, BY_OUTPUT)
+    assert any("mine.toml: line 4: quantities.current: must be a current" in line for line in found), found
 
 
 def test_the_limit_lies_within_what_the_supply_gives(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def through(state: State, *events: ev.Event) -> tuple[State, list[act.Action]]:
     return state, done
 
 
-def asked(actions: list[act.Action]) -> list[float]:
+def requested_currents(actions: list[act.Action]) -> list[float]:
     return [action.current_A for action in actions if isinstance(action, act.AskOperator)]
 
 
@@ -55,22 +55,22 @@ def run(state: State) -> tuple[State, list[act.Action]]:
 
 def test_0_A_is_confirmed_before_anything_is_armed() -> None:
     state, actions = connected(0.0)
-    assert (state.phase, asked(actions)) == (Phase.ASKING, [0.0])
+    assert (state.phase, requested_currents(actions)) == (Phase.ASKING, [0.0])
     state, actions = through(state, ev.OperatorAnswered())
     assert act.SetCurrent(0.0) in actions
     state, _ = through(state, ev.CurrentSettled())
     assert state.phase is Phase.CHECKING_ZEROS
 
 
-def test_one_question_serves_every_point_of_a_current_and_0_A_is_asked_for_at_the_end() -> None:
+def test_one_question_serves_every_point_of_a_current_and_0_A_is_requested_at_the_end() -> None:
     state, actions = connected(0.0, 1.0, 1.0)
     state, _ = through(state, ev.OperatorAnswered(), ev.CurrentSettled(), *UP)
     state, more = run(state)
-    assert asked(actions + more) == [0.0]
+    assert requested_currents(actions + more) == [0.0]
     assert (state.phase, state.powered) == (Phase.YIELDING, False)
     assert act.Ask(Request.HYDRAULICS_OFF) in more
     state, more = through(state, ev.Done(Request.HYDRAULICS_OFF))
-    assert (asked(more), state.pressurised) == ([1.0], False)
+    assert (requested_currents(more), state.pressurised) == ([1.0], False)
     state, more = through(
         state, ev.OperatorAnswered(), ev.CurrentSettled(), ev.Done(Request.HYDRAULICS_LOW),
         ev.Done(Request.HYDRAULICS_ON),
@@ -78,11 +78,11 @@ def test_one_question_serves_every_point_of_a_current_and_0_A_is_asked_for_at_th
     assert act.SetCurrent(1.0) in more
     assert not any(isinstance(action, act.ProveSensors) for action in more), "the 0 A signature is not asked of 1 A"
     state, more = run(state)
-    assert asked(more) == []
+    assert requested_currents(more) == []
     assert act.SetCurrent(0.0) not in more, "nobody here can set 0 A"
     state, more = through(state, ev.CurrentSettled(), ev.ProgramEnded(at_centre=True), ev.CurrentSettled())
     state, more = through(state, ev.Done(Request.HYDRAULICS_OFF))
-    assert asked(more) == [0.0]
+    assert requested_currents(more) == [0.0]
 
 
 @pytest.mark.parametrize(("pressure", "lowered"), [("low", Request.HYDRAULICS_LOW), ("on", None)])
@@ -91,7 +91,7 @@ def test_the_bench_says_what_pressure_there_is_meanwhile(pressure: str, lowered:
     state, _ = through(state, ev.OperatorAnswered(), ev.CurrentSettled(), *UP)
     state, actions = run(state)
     if lowered is None:
-        assert (state.phase, asked(actions)) == (Phase.ASKING, [1.0])
+        assert (state.phase, requested_currents(actions)) == (Phase.ASKING, [1.0])
     else:
         assert act.Ask(lowered) in actions
 
@@ -102,20 +102,20 @@ def test_a_rest_is_at_0_A() -> None:
         state, ev.OperatorAnswered(), ev.CurrentSettled(), *UP, ev.OperatorAnswered(), ev.CurrentSettled()
     )
     state, actions = run(state)
-    assert asked(actions) == [0.0]
+    assert requested_currents(actions) == [0.0]
     state, actions = through(state, ev.OperatorAnswered(), ev.CurrentSettled())
     assert (state.phase, act.Rest(60.0) in actions) == (Phase.RESTING, True)
 
 
-def test_after_a_stop_it_is_asked_to_be_taken_away_without_pressure_and_silence_is_unknown() -> None:
+def test_after_a_stop_it_is_requested_to_be_taken_away_without_pressure_and_silence_is_unknown() -> None:
     state, _ = connected(1.0)
     state, _ = through(state, ev.OperatorAnswered(), ev.CurrentSettled(), *UP, ev.Done(Request.HYDRAULICS_OFF))
     state, actions = through(state, ev.Tripped(StopKind.FADE_OUT, StopCause("force-limit")), ev.Safe())
-    assert asked(actions) == [], "1 A was asked for and may flow, but first the pressure goes"
+    assert requested_currents(actions) == [], "1 A was asked for and may flow, but first the pressure goes"
     state, actions = through(state, ev.Done(Request.DISARM))
-    assert (state.phase, asked(actions)) == (Phase.TAKING_AWAY, [0.0])
-    said, _ = through(state, ev.OperatorAnswered(), ev.CurrentSettled())
-    assert (said.phase, said.rig_state) == (Phase.ENDED, RigState.SAFE)
+    assert (state.phase, requested_currents(actions)) == (Phase.TAKING_AWAY, [0.0])
+    after, _ = through(state, ev.OperatorAnswered(), ev.CurrentSettled())
+    assert (after.phase, after.rig_state) == (Phase.ENDED, RigState.SAFE)
     for event in (ev.TimedOut(Phase.TAKING_AWAY), ev.Abort(StopKind.FADE_OUT, StopCause("sigint"))):
         unsaid, actions = through(state, event)
         assert (unsaid.phase, unsaid.rig_state) == (Phase.ENDED, RigState.UNKNOWN)

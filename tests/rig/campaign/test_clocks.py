@@ -11,7 +11,7 @@ from rig.errors import Refused
 EXAMPLE = Path(__file__).parents[3] / "examples" / "demo-bench.toml"
 
 
-def test_a_load_cell_whose_format_has_no_clock_is_refused_where_the_skew_is_asked_for(tmp_path: Path) -> None:
+def test_a_load_cell_whose_format_has_no_clock_is_refused_where_the_skew_is_requested(tmp_path: Path) -> None:
     text = EXAMPLE.read_text(encoding="utf-8")
     path = tmp_path / "bench.toml"
     path.write_text(text.replace('format = "frame16"', 'format = "signed-decimal"', 1), encoding="utf-8")

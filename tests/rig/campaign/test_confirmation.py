@@ -50,7 +50,7 @@ def test_resuming_confirms_every_other_stop_and_says_what_to_look_at(slug: str) 
     assert len(stop.look_at) > 10
 
 
-def test_what_was_confirmed_once_is_not_asked_for_again_but_a_later_stop_is() -> None:
+def test_what_was_confirmed_once_is_not_requested_again_but_a_later_stop_is() -> None:
     begun = {"event": "resumed"}
     assert slugs(trip("sigint"), begun) == []
     assert slugs(trip("estop"), begun) == ["estop"], "resuming alone requalifies nothing"
@@ -85,7 +85,7 @@ def test_a_line_that_cannot_be_read_may_have_been_an_estop_until_somebody_has_re
     assert open_stops(tmp_path) == ()
 
 
-def test_a_journal_that_is_gone_may_have_told_of_an_estop(tmp_path: Path) -> None:
+def test_a_journal_that_is_gone_may_have_reported_of_an_estop(tmp_path: Path) -> None:
     (tmp_path / "points").mkdir()
     assert open_stops(tmp_path) == ()
     (tmp_path / "points" / "p001.h5").touch()

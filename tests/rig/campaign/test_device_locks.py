@@ -125,9 +125,9 @@ def test_the_second_asker_never_changes_what_the_first_wrote(folder: Path) -> No
 @pytest.mark.nightly
 def test_the_folder_is_the_same_whatever_tmpdir_says(tmp_path: Path) -> None:
     ask = "from rig.campaign.machine_resources import _folder; print(_folder())"
-    said = {
+    message = {
         subprocess.check_output([sys.executable, "-c", ask], env=os.environ | {"TMPDIR": place}, text=True)
         for place in (str(tmp_path), "/", "/var/tmp")
     }
-    assert len(said) == 1
-    assert str(tmp_path) not in said.pop()
+    assert len(message) == 1
+    assert str(tmp_path) not in message.pop()

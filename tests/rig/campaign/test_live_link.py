@@ -12,14 +12,14 @@ from typing import Any, cast
 
 import pytest
 
-from rig.campaign.live_link import Asked, LiveLink, Wish
+from rig.campaign.live_link import LiveLink, Request, Wish
 from rig.campaign.manual_current import PageManualCurrent, RehearsedManualCurrent
 from rig.campaign.operator_link import Signals
 from rig.campaign.results import PointResult
 from rig.campaign.sequencer import event as ev
 from rig.errors import Stopped
 from rig.recording.journal.campaign_log import CampaignLog, read_log
-from rig.station.live_folder import STATION_SOCKET, bound, held, make_live_folder, read_json, received, tell
+from rig.station.live_folder import STATION_SOCKET, bound, held, make_live_folder, read_json, received, send_message
 from rig.test_point import TestPoint
 
 
@@ -31,13 +31,13 @@ def link(tmp_path: Path) -> Iterator[LiveLink]:
 
 
 def say(link: LiveLink, **message: object) -> bool:
-    return tell(link.folder / "application.sock", message)
+    return send_message(link.folder / "application.sock", message)
 
 
 def test_wishes_are_taken_in_their_order_and_a_stop_before_all(link: LiveLink) -> None:
     for do in ("pause", "start", "stop"):
         assert say(link, do=do, by="Ada")
-    assert link.take() == [Wish(Asked.STOP, "Ada"), Wish(Asked.PAUSE, "Ada"), Wish(Asked.START, "Ada")]
+    assert link.take() == [Wish(Request.STOP, "Ada"), Wish(Request.PAUSE, "Ada"), Wish(Request.START, "Ada")]
     assert link.take() == []
 
 
@@ -108,7 +108,7 @@ def test_words_typed_on_the_page_are_kept_in_the_run(link: LiveLink, tmp_path: P
     run = tmp_path / "run"
     run.mkdir()
     log = CampaignLog(run)
-    with link.told_of(log):
+    with link.following(log):
         assert read_json(run / "live.json")["folder"] == str(link.folder)
         say(link, do="words", by="Ada", operator="Ada", specimen="MR-7 after 1e6 cycles")
         say(link, do="words", by="Ada", note="<script>alert(1)</script>\nwarm\x00")
@@ -139,8 +139,8 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     ended = SimpleNamespace(points=points, valid=0, total=2, rig_state="safe", stopped_by=None, exit_code=5)
     link.display.ended(cast("Any", ended), ["done"])
     assert read_json(link.folder / "state.json")["ended"]["lines"] == ["done"]
-    told = {name: point["verdict"] for name, point in read_json(link.folder / "results.json").items()}
-    assert told == {"p001": "suspect"}, "a verdict that the end of the session changed does not stay as it was"
+    verdicts = {name: point["verdict"] for name, point in read_json(link.folder / "results.json").items()}
+    assert verdicts == {"p001": "suspect"}, "a verdict that the end of the session changed does not stay as it was"
 
 
 def test_a_current_set_by_hand_is_confirmed_on_the_page_for_this_question_alone(link: LiveLink) -> None:
@@ -168,7 +168,7 @@ def test_who_answers_first_of_page_and_terminal_counts(link: LiveLink) -> None:
     hand = PageManualCurrent(link, RehearsedManualCurrent())
     hand.ask(0.5)
     assert hand.answered()
-    assert link.asked is None, "the page no longer asks"
+    assert link.requested_A is None, "the page no longer asks"
 
 
 def test_why_a_campaign_did_not_begin_stands_on_the_page(link: LiveLink) -> None:
@@ -201,8 +201,8 @@ def test_a_live_folder_may_lie_deeper_than_the_kernel_takes_an_address(tmp_path:
     place.mkdir()
     live, lock = make_live_folder(place)
     with bound(live / STATION_SOCKET) as inbox:
-        assert tell(live / STATION_SOCKET, {"do": "stop"})
+        assert send_message(live / STATION_SOCKET, {"do": "stop"})
         assert received(inbox) == {"do": "stop"}
         assert (live / STATION_SOCKET).stat().st_mode & 0o777 == 0o600
-    assert not tell(place / "gone" / STATION_SOCKET, {"do": "stop"})
+    assert not send_message(place / "gone" / STATION_SOCKET, {"do": "stop"})
     os.close(lock)

@@ -54,9 +54,9 @@ def watched(records: NDArray[Any], chunk: int = 40) -> tuple[str | None, int]:
     """What the watch says, and after how many records."""
     watch = LoadTrainWatch()
     for begin in range(0, len(records), chunk):
-        said = watch.watch(RecordBlock(records[begin : begin + chunk]))
-        if said is not None:
-            return said, begin + chunk
+        cause = watch.watch(RecordBlock(records[begin : begin + chunk]))
+        if cause is not None:
+            return cause, begin + chunk
     return None, len(records)
 
 
@@ -71,9 +71,9 @@ def test_a_loose_joint_is_seen_at_the_end_of_its_first_cycle() -> None:
         return np.where(dead, 0.0, friction(t_s, x_m, v_m_s))
 
     records = rig(12, loose)
-    said, seen = watched(records)
-    assert said is not None
-    assert "per cycle" in said
+    cause, seen = watched(records)
+    assert cause is not None
+    assert "per cycle" in cause
     assert records["host_ns"][seen - 1] < 3.6e6
 
 
@@ -130,10 +130,10 @@ def test_the_first_cycle_after_the_ramp_may_still_settle_and_later_ones_may_not(
 
     first, settled, cracked = (0.1825, 0.0125, 46.8), (0.195, 0.0, 54.0), (0.195, 0.0, 38.0)
 
-    def said(*cycles: tuple[float, float, float]) -> list[str | None]:
+    def cause(*cycles: tuple[float, float, float]) -> list[str | None]:
         train = LoadTrain()
         return [train.change(*cycle(*motion), None) for motion in cycles]
 
-    assert said(first, settled, settled, settled) == [None] * 4
-    assert said(settled, cracked)[1] is not None
-    assert said(first, settled, settled, (0.1825, 0.0125, 38.0))[3] is not None
+    assert cause(first, settled, settled, settled) == [None] * 4
+    assert cause(settled, cracked)[1] is not None
+    assert cause(first, settled, settled, (0.1825, 0.0125, 38.0))[3] is not None

@@ -101,8 +101,8 @@ class Bench:
 
 def watched(watch: LoadTrainWatch, records: NDArray[Any], chunk: int = 60) -> str | None:
     watch.begin()
-    said = (watch.watch(RecordBlock(records[at : at + chunk])) for at in range(0, len(records), chunk))
-    return next((change for change in said if change is not None), None)
+    causes = (watch.watch(RecordBlock(records[at : at + chunk])) for at in range(0, len(records), chunk))
+    return next((change for change in causes if change is not None), None)
 
 
 WEAK = tuple(itertools.product((0.5, 1.0, 2.0, 5.0), (0.4, 1.0, 5.0), (0.0, 0.5, 2.0)))
@@ -138,7 +138,7 @@ def test_a_program_that_is_run_again_is_no_loose_joint(triangle: bool) -> None:
 
 @pytest.mark.parametrize("channel", [Channel.FORCE, Channel.DISPLACEMENT])
 @pytest.mark.parametrize("frequency_Hz", [0.2, 1.0])
-def test_a_sensor_that_stands_still_is_not_the_load_train(channel: Channel, frequency_Hz: float) -> None:
+def test_a_sensor_that_stalls_is_not_the_load_train(channel: Channel, frequency_Hz: float) -> None:
     for sample in (4.3, 4.9, 5.6):
         bench = Bench(1, held={channel: round(sample / frequency_Hz * RATE_HZ)})
         assert watched(LoadTrainWatch(), bench.program(2e-3, frequency_Hz, 0.5, 8)) is None
@@ -161,6 +161,6 @@ def test_a_joint_that_lets_go_of_the_damper_between_points_is_seen_at_a_stronger
     watch, bench = LoadTrainWatch(), Bench(3)
     assert watched(watch, bench.program(5e-3, 1.0, 0.5, 6)) is None
     bench.play_m = 50e-3
-    said = watched(watch, bench.program(5e-3, 1.0, 1.0, 6))
-    assert said is not None
-    assert "mean force" in said
+    cause = watched(watch, bench.program(5e-3, 1.0, 1.0, 6))
+    assert cause is not None
+    assert "mean force" in cause

@@ -20,7 +20,7 @@ def test_a_pause_of_the_loop_is_not_the_silence_of_another_process() -> None:
     assert clock.silent_ns(5_395_000_000) == 1_090_000_000, "a station that stays silent is found all the same"
 
 
-def test_a_loop_that_stands_still_lets_go_once() -> None:
+def test_a_loop_that_stalls_lets_go_once() -> None:
     let_go = threading.Event()
     watch = LoopWatch(let_go.set, longest_s=2 * LOOK_S)
     watch.turned()

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from drivers.roles import State
 from protocols.quality import Quality
-from rig.campaign.execution.observer import Observer, WantedMotion
-from rig.campaign.preflight.rest_check import RestLimits, exchanged, judge_rest, watch_rest
+from rig.campaign.execution.observer import Observer, RequestedMotion
+from rig.campaign.preflight.rest_check import RestLimits, check_rest, exchanged, watch_rest
 from rig.campaign.sequencer import event as ev
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.ring_records import RECORD_DTYPE
@@ -25,11 +25,11 @@ LIMITS = RestLimits(
     zero_N=25.0, current_zero_A=0.02, force_per_wire=1.0,
     displacement_per_wire=1e-3, force_offset_N=0.0, displacement_offset_m=0.0,
 )
-WANTED = WantedMotion("sine", 2.0, 250.0)
+REQUESTED = RequestedMotion("sine", 2.0, 250.0)
 
 
 def zeros(seen: AtRest) -> ev.Event:
-    return ev.ZerosJudged(judge_rest(seen, LIMITS))
+    return ev.ZerosJudged(check_rest(seen, LIMITS))
 
 
 def records(*rows: tuple[Channel, int, float]) -> NDArray[Any]:
@@ -64,7 +64,7 @@ def test_the_centre_is_reached_when_the_actuator_holds_there_after_the_move() ->
 def test_a_program_has_ended_when_it_was_seen_running_and_holds_again() -> None:
     observer = Observer()
     show(observer, status(50, State.HOLD))
-    observer.await_program(0.0, 100, WANTED, 0.0)
+    observer.await_program(0.0, 100, REQUESTED, 0.0)
     assert show(observer, status(150, State.HOLD)) is None, "still the hold from before the start"
     assert show(observer, status(200, State.RUNNING, 0.01)) is None
     assert show(observer, status(300, State.HOLD, 0.002)) == ev.ProgramEnded(at_centre=False)
@@ -73,7 +73,7 @@ def test_a_program_has_ended_when_it_was_seen_running_and_holds_again() -> None:
 def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
     observer = Observer()
     show(observer, status(50, State.HOLD, pulses=7))
-    observer.await_program(0.0, 100, WANTED, 0.0)
+    observer.await_program(0.0, 100, REQUESTED, 0.0)
     assert show(observer, status(150, State.HOLD, pulses=7)) is None
     assert show(observer, status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
 
@@ -82,7 +82,7 @@ def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     observer = Observer()
     show(observer, status(50, State.HOLD))
     show(observer, records((Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
-    observer.await_program(0.0, 100, WANTED, 0.0)
+    observer.await_program(0.0, 100, REQUESTED, 0.0)
     assert show(observer, status(200, State.RUNNING, 0.01)) is None
     assert show(observer, status(300, State.HOLD)) is None, "the sensors' samples of the last cycles are still unread"
     assert show(observer, records((Channel.FORCE, 310, 1.0))) is None
@@ -110,7 +110,7 @@ def ended(done: float, *early: State) -> ev.ProgramEnded:
     """How a program of 1 + 6 + 1 cycles ends that went through these states and shows so many cycles at its end."""
     observer = Observer()
     show(observer, status(50, State.HOLD))
-    observer.await_program(0.0, 100, WANTED, 8.0)
+    observer.await_program(0.0, 100, REQUESTED, 8.0)
     for host_ns, state in enumerate((State.RUNNING, *early), start=200):
         assert show(observer, status(host_ns, state)) is None
     show(observer, records((Channel.CYCLES_DONE, 299, done)))
@@ -120,7 +120,7 @@ def ended(done: float, *early: State) -> ev.ProgramEnded:
 
 
 @pytest.mark.parametrize(
-    ("done", "early", "said"),
+    ("done", "early", "message"),
     [
         (8.0, (), ""),
         (7.0, (), "7 of 8 requested cycles completed"),
@@ -131,15 +131,15 @@ def ended(done: float, *early: State) -> ev.ProgramEnded:
     ],
 )
 def test_a_program_that_nobody_here_stopped_shows_when_it_was_cut_short(
-    done: float, early: tuple[State, ...], said: str
+    done: float, early: tuple[State, ...], message: str
 ) -> None:
-    assert ended(done, *early).cut_short == said
+    assert ended(done, *early).cut_short == message
 
 
 def test_cycles_of_the_program_before_are_not_counted() -> None:
     observer = Observer()
     show(observer, records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
-    observer.await_program(0.0, 100, WANTED, 0.0)
+    observer.await_program(0.0, 100, REQUESTED, 0.0)
     show(observer, records((Channel.STATE, 150, State.HOLD), (Channel.CYCLES_DONE, 150, 12.0)))
     assert observer.cycles_done == 0
     show(observer, records((Channel.STATE, 200, State.RUNNING), (Channel.CYCLES_DONE, 200, 1.0)))
@@ -148,7 +148,7 @@ def test_cycles_of_the_program_before_are_not_counted() -> None:
 
 def test_a_program_that_tripped_has_not_ended() -> None:
     observer = Observer()
-    observer.await_program(0.0, 100, WANTED, 0.0)
+    observer.await_program(0.0, 100, REQUESTED, 0.0)
     assert show(observer, status(150, State.RUNNING)) is None
     assert show(observer, status(200, State.TRIPPED)) is None
 
@@ -179,7 +179,7 @@ def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clo
     assert show(observer, status(1_500_000_000, State.HOLD, 0.0090)) == ev.Standstill()
 
 
-def test_zeros_are_judged_over_the_rest_window() -> None:
+def test_zeros_are_evaluated_over_the_rest_window() -> None:
     observer = Observer()
     show(observer, status(1_000_000_000, State.OFF))
     watch_rest(observer, zeros)
@@ -220,10 +220,10 @@ def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_th
     block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))
     block["flags"][block["channel"] == Channel.FORCE] = Quality.SENSOR_FAULT
     show(observer, block)
-    judged = show(observer, status(1_600_000_000, State.OFF))
-    assert isinstance(judged, ev.ZerosJudged)
-    assert judged.cause is not None
-    assert "load cell: 20 samples at rest" in judged.cause.detail
+    event = show(observer, status(1_600_000_000, State.OFF))
+    assert isinstance(event, ev.ZerosJudged)
+    assert event.cause is not None
+    assert "load cell: 20 samples at rest" in event.cause.detail
 
 
 def test_live_values_are_the_last_ones() -> None:
@@ -244,7 +244,7 @@ def rest(
 
 
 def test_a_tared_rig_with_gas_force_passes() -> None:
-    assert judge_rest(rest(), LIMITS) is None
+    assert check_rest(rest(), LIMITS) is None
 
 
 @pytest.mark.parametrize(
@@ -271,28 +271,28 @@ def test_a_tared_rig_with_gas_force_passes() -> None:
     ],
 )
 def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(shown: AtRest, named: str) -> None:
-    cause = judge_rest(shown, LIMITS)
+    cause = check_rest(shown, LIMITS)
     assert cause is not None
     assert cause.slug == "not-tared"
     assert named in cause.detail
 
 
 @pytest.mark.parametrize("scale", [1e-3, 2e-3])
-def test_exchanged_plugs_are_told_by_what_both_would_show_the_other_way_round(scale: float) -> None:
+def test_exchanged_plugs_are_reported_by_what_both_would_show_the_other_way_round(scale: float) -> None:
     limits = replace(LIMITS, displacement_per_wire=scale, force_offset_N=20.0, displacement_offset_m=1e-3)
     right = rest(force_N=-300.0)
     swapped = exchanged(right, limits)
-    cause = judge_rest(swapped, limits)
+    cause = check_rest(swapped, limits)
     assert cause is not None
     assert cause.slug == "sensors-swapped"
-    assert judge_rest(exchanged(swapped, limits), limits) is None
+    assert check_rest(exchanged(swapped, limits), limits) is None
 
 
 @pytest.mark.parametrize(
     "seen", [replace(rest(), force_N=-rest().force_N), replace(rest(lvdt_m=-0.02), position_m=np.full(9, 0.02))]
 )
 def test_a_wrong_sign_shows_at_rest_where_there_is_something_to_show(seen: AtRest) -> None:
-    cause = judge_rest(seen, LIMITS)
+    cause = check_rest(seen, LIMITS)
     assert cause is not None
     assert cause.slug == "sensors-swapped"
     assert "sign is wrong" in cause.detail

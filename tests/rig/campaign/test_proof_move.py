@@ -10,7 +10,7 @@ import pytest
 from drivers.ring import Channel
 from drivers.roles import State
 from rig.campaign.execution.observer import Observer
-from rig.campaign.preflight.proof_move import PROOF_M, Leg, ProofMove, judge_proof, proof_targets
+from rig.campaign.preflight.proof_move import PROOF_M, Leg, ProofMove, check_proof, proof_targets
 from rig.campaign.sequencer import event as ev
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.ring_records import RECORD_DTYPE
@@ -32,7 +32,7 @@ UP, DOWN = way(0.012, 0.012, 80.0), way(0.008, 0.008, -70.0)
 
 
 def test_sensors_that_follow_the_actuator_are_proved() -> None:
-    assert judge_proof(UP, DOWN) is None
+    assert check_proof(UP, DOWN) is None
 
 
 @pytest.mark.parametrize(
@@ -48,15 +48,15 @@ def test_sensors_that_follow_the_actuator_are_proved() -> None:
     ids=["sign", "still", "scale", "controller", "force-sign", "force-scale"],
 )
 def test_wrong_sign_scale_or_plug_is_refused(up: Leg, down: Leg, named: str) -> None:
-    cause = judge_proof(up, down)
+    cause = check_proof(up, down)
     assert cause is not None
     assert cause.slug == "sensors-swapped"
     assert named in cause.detail
 
 
 def test_a_force_that_drowns_in_noise_refuses_nothing() -> None:
-    assert judge_proof(way(0.012, 0.012, 0.1), way(0.008, 0.008, -0.1)) is None
-    assert judge_proof(replace(UP, force_N=np.zeros(2)), DOWN) is None
+    assert check_proof(way(0.012, 0.012, 0.1), way(0.008, 0.008, -0.1)) is None
+    assert check_proof(replace(UP, force_N=np.zeros(2)), DOWN) is None
 
 
 @pytest.mark.parametrize(("start_m", "middle_m"), [(0.0, 0.0), (0.0845, 0.081), (-0.2, -0.081)])
@@ -91,9 +91,9 @@ def test_both_ways_are_found_in_the_records(sign: float, slug: str | None) -> No
             events.append(show(observer, block(t_ms, State.HOLD, target_m, 0.3 * force_N, sign * target_m)))
     found = [event for event in events if event is not None]
     assert found[0] == ev.ProofLegDone()
-    (_, judged) = found
-    assert isinstance(judged, ev.ProofJudged)
-    assert (judged.cause.slug if judged.cause else None) == slug
+    (_, verdict) = found
+    assert isinstance(verdict, ev.ProofJudged)
+    assert (verdict.cause.slug if verdict.cause else None) == slug
 
 
 def test_samples_of_the_way_that_come_late_are_no_samples_of_its_end() -> None:

@@ -49,7 +49,7 @@ def write(folder: Path, attempt: int, verdict: str, apart: int = 0) -> None:
 def test_the_books_keep_the_best_attempt(verdicts: tuple[str, ...]) -> None:
     results = PointResults((POINT,))
     for attempt, verdict in enumerate(verdicts, start=1):
-        results.judged(POINT, Path(f"{name_of(attempt)}.h5"), verdict, (), 0)
+        results.record_verdict(POINT, Path(f"{name_of(attempt)}.h5"), verdict, (), 0)
     assert str(results.results["p001"].file) == expected(verdicts)
 
 
@@ -66,7 +66,7 @@ def test_a_resumed_campaign_keeps_the_best_attempt(verdicts: tuple[str, ...], tm
 
 
 UNSETTLED = StopCause("current-tracking", "the measured current did not reach 0.25 A in 5 s")
-SAID = "current-tracking: the measured current did not reach 0.25 A in 5 s"
+MESSAGE = "current-tracking: the measured current did not reach 0.25 A in 5 s"
 
 
 @pytest.mark.parametrize("recorded_first", [True, False])
@@ -74,31 +74,31 @@ def test_an_attempt_of_which_nothing_was_recorded_hides_no_file(recorded_first: 
     results = PointResults((POINT,))
     if not recorded_first:
         results.given_up(POINT, UNSETTLED)
-    results.judged(POINT, Path("p001.h5"), "invalid", ("force-scatter: 7.6 %",), 2)
+    results.record_verdict(POINT, Path("p001.h5"), "invalid", ("force-scatter: 7.6 %",), 2)
     if recorded_first:
         assert results.given_up(POINT, UNSETTLED).file is None
-    (told,) = results.all_results()
-    assert (told.file, told.verdict, told.lost_samples) == (Path("p001.h5"), "invalid", 2)
-    assert told.reasons == ("force-scatter: 7.6 %", *((SAID,) if recorded_first else ()))
+    (result,) = results.all_results()
+    assert (result.file, result.verdict, result.lost_samples) == (Path("p001.h5"), "invalid", 2)
+    assert result.reasons == ("force-scatter: 7.6 %", *((MESSAGE,) if recorded_first else ()))
 
 
-def test_nothing_is_told_of_a_point_whose_attempts_left_no_file_but_why() -> None:
+def test_nothing_is_reported_of_a_point_whose_attempts_left_no_file_but_why() -> None:
     results = PointResults((POINT,))
     results.given_up(POINT, UNSETTLED)
     results.given_up(POINT, UNSETTLED)
-    (told,) = results.all_results()
-    assert (told.file, told.reasons) == (None, (SAID,))
+    (result,) = results.all_results()
+    assert (result.file, result.reasons) == (None, (MESSAGE,))
 
 
-def test_what_an_earlier_session_recorded_is_told_until_the_point_has_been_run_again(tmp_path: Path) -> None:
+def test_what_an_earlier_session_recorded_is_reported_until_the_point_has_been_run_again(tmp_path: Path) -> None:
     write(tmp_path, 1, "invalid")
     other = TestPoint("p002", "sine", 0.02, 2.0, 0.5)
     stock = take_stock(tmp_path, (POINT, other))
     assert (stock.results, [point.id for point in stock.remaining]) == ((), ["p001", "p002"])
     books = stock.books((POINT, other))
     earlier = tmp_path / "points" / "p001.h5"
-    told = [(result.file, result.verdict, result.reasons) for result in books.all_results()]
-    assert told == [(earlier, "invalid", ("amplitude: 1",)), (None, "not run", ())]
+    reported = [(result.file, result.verdict, result.reasons) for result in books.all_results()]
+    assert reported == [(earlier, "invalid", ("amplitude: 1",)), (None, "not run", ())]
     assert not books.results, "nothing was judged in this session yet"
     books.renamed(set_aside(tmp_path / "points", "p001", ("p001", "p002")))
     books.given_up(POINT, StopCause("not-written", "the disk is full"))
@@ -106,32 +106,32 @@ def test_what_an_earlier_session_recorded_is_told_until_the_point_has_been_run_a
     assert again.file == tmp_path / "points" / "p001-attempt1.h5.old"
     assert again.file.is_file()
     assert again.reasons == ("amplitude: 1", "not-written: the disk is full")
-    books.judged(POINT, earlier, "invalid", ("stroke: 2",), 0)
+    books.record_verdict(POINT, earlier, "invalid", ("stroke: 2",), 0)
     assert (books.all_results()[0].file, books.all_results()[0].reasons) == (earlier, ("stroke: 2",))
 
 
 @pytest.mark.parametrize("apart_first", [True, False])
-def test_a_record_out_of_tolerance_is_told_until_the_point_is_recorded_again(apart_first: bool) -> None:
+def test_a_record_out_of_tolerance_is_reported_until_the_point_is_recorded_again(apart_first: bool) -> None:
     """The file may be made before the point is given up, or after."""
     results, apart = PointResults((POINT,)), Path("p001-out-of-tolerance1.h5")
     if apart_first:
         results.recorded_apart(POINT, apart, "invalid", ("out-of-tolerance: 4.8 mm",), 1, {})
-        (told,) = results.all_results()
-        assert (told.file, told.verdict, told.reasons) == (apart, "invalid", ("out-of-tolerance: 4.8 mm",))
+        (result,) = results.all_results()
+        assert (result.file, result.verdict, result.reasons) == (apart, "invalid", ("out-of-tolerance: 4.8 mm",))
         assert not results.results, "the point was not judged"
     results.given_up(POINT, UNSETTLED)
     if not apart_first:
         results.recorded_apart(POINT, apart, "invalid", ("out-of-tolerance: 4.8 mm",), 1, {})
-    (told,) = results.all_results()
-    assert (told.file, told.lost_samples, told.reasons) == (apart, 1, ("out-of-tolerance: 4.8 mm", SAID))
-    results.judged(POINT, Path("p001.h5"), "invalid", ("stroke: 2",), 0)
+    (result,) = results.all_results()
+    assert (result.file, result.lost_samples, result.reasons) == (apart, 1, ("out-of-tolerance: 4.8 mm", MESSAGE))
+    results.record_verdict(POINT, Path("p001.h5"), "invalid", ("stroke: 2",), 0)
     assert results.all_results()[0].file == Path("p001.h5")
-    results.judged(POINT, Path("p001-attempt2.h5"), "valid", (), 0)
+    results.record_verdict(POINT, Path("p001-attempt2.h5"), "valid", (), 0)
     assert results.all_results()[0].reasons == ()
 
 
 @pytest.mark.parametrize("recorded_then", [True, False])
-def test_the_next_session_tells_of_records_out_of_tolerance_what_their_own_session_told(
+def test_the_next_session_tells_of_records_out_of_tolerance_what_their_own_session_reported(
     recorded_then: bool, tmp_path: Path
 ) -> None:
     books = PointResults((POINT,))
@@ -141,29 +141,31 @@ def test_the_next_session_tells_of_records_out_of_tolerance_what_their_own_sessi
         books.recorded_apart(POINT, file, "invalid", ("out-of-tolerance: 1",), 0, {})
     if recorded_then:
         write(tmp_path, 1, "invalid")
-        books.judged(POINT, tmp_path / "points" / "p001.h5", "invalid", ("amplitude: 1",), 0)
-    (told,) = books.all_results()
+        books.record_verdict(POINT, tmp_path / "points" / "p001.h5", "invalid", ("amplitude: 1",), 0)
+    (result,) = books.all_results()
     (again,) = take_stock(tmp_path, (POINT,)).books((POINT,)).all_results()
-    assert (again.file, again.verdict, again.reasons) == (told.file, told.verdict, told.reasons)
+    assert (again.file, again.verdict, again.reasons) == (result.file, result.verdict, result.reasons)
 
 
-def test_a_file_that_was_set_aside_is_told_where_a_later_session_left_none_and_is_never_kept(tmp_path: Path) -> None:
+def test_a_file_that_was_set_aside_is_reported_where_a_later_session_left_none_and_is_never_kept(
+    tmp_path: Path,
+) -> None:
     write(tmp_path, 1, "suspect")
     set_aside(tmp_path / "points", "p001", ("p001",))
     (tmp_path / "points" / "p001-attempt2.h5.old").write_bytes(b"damaged")
     stock = take_stock(tmp_path, (POINT,))
     assert (stock.results, stock.problems, stock.attempts) == ((), (), {"p001": 1})
-    (told,) = stock.invalid
-    assert (told.file, told.verdict) == (tmp_path / "points" / "p001-attempt1.h5.old", "invalid")
+    (reported,) = stock.invalid
+    assert (reported.file, reported.verdict) == (tmp_path / "points" / "p001-attempt1.h5.old", "invalid")
     books = stock.books((POINT,))
     books.given_up(POINT, UNSETTLED)
     assert [result.verdict for result in books.all_results()] == ["invalid"]
     write(tmp_path, 2, "invalid")
-    (told,) = take_stock(tmp_path, (POINT,)).invalid
-    assert told.file == tmp_path / "points" / "p001-attempt2.h5"
+    (reported,) = take_stock(tmp_path, (POINT,)).invalid
+    assert reported.file == tmp_path / "points" / "p001-attempt2.h5"
 
 
-def test_a_file_whose_values_are_not_what_was_written_is_run_again_and_told(tmp_path: Path) -> None:
+def test_a_file_whose_values_are_not_what_was_written_is_run_again_and_reported(tmp_path: Path) -> None:
     """Its description opens and says valid; one value of one column was changed behind it."""
     write(tmp_path, 1, "valid")
     assert not take_stock(tmp_path, (POINT,)).remaining
@@ -171,9 +173,9 @@ def test_a_file_whose_values_are_not_what_was_written_is_run_again_and_told(tmp_
         file["entry/data/force"][3] = 99.0
     stock = take_stock(tmp_path, (POINT,))
     assert ([point.id for point in stock.remaining], stock.results, stock.attempts) == (["p001"], (), {"p001": 1})
-    (told,) = stock.problems
-    assert told.startswith("points/p001.h5: /entry/data/force: the data are damaged")
-    assert told.endswith("the point is repeated")
+    (result,) = stock.problems
+    assert result.startswith("points/p001.h5: /entry/data/force: the data are damaged")
+    assert result.endswith("the point is repeated")
 
 
 def test_a_damaged_later_attempt_gives_way_to_one_that_can_be_read(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.bench.model import Checks
-from rig.campaign.preflight.rest_check import RestLimits, judge_rest
+from rig.campaign.preflight.rest_check import RestLimits, check_rest
 from rig.signals.rest import AtRest
 
 RANGE_N = 10_000.0
@@ -34,7 +34,7 @@ def rest(seed: int, zero_N: float = 0.0, current_A: float = 0.0, *, polls: int =
 def test_no_clean_rest_is_refused(polls: int) -> None:
     for largest_N in (None, 100.0, 2000.0):
         limits = replace(LIMITS, zero_N=Checks().zero_N(RANGE_N, largest_N))
-        refused = [cause for seed in range(500) if (cause := judge_rest(rest(seed, polls=polls), limits)) is not None]
+        refused = [cause for seed in range(500) if (cause := check_rest(rest(seed, polls=polls), limits)) is not None]
         assert refused == []
 
 
@@ -44,7 +44,7 @@ def test_a_zero_that_matters_to_the_test_is_refused_with_its_number_and_both_ins
     polls: int, zero_N: float
 ) -> None:
     for seed in range(50):
-        cause = judge_rest(rest(seed, zero_N, polls=polls), LIMITS)
+        cause = check_rest(rest(seed, zero_N, polls=polls), LIMITS)
         assert cause is not None
         assert cause.slug == "not-tared"
         assert cause.message == "force-zero"
@@ -60,16 +60,16 @@ def test_the_limit_follows_the_test_and_the_bench_file() -> None:
     assert Checks.model_validate({"force_zero": "200 N"}).zero_N(RANGE_N, 600.0) == pytest.approx(200.0)
     weak, strong = (replace(LIMITS, zero_N=Checks().zero_N(RANGE_N, force_N)) for force_N in (500.0, 3000.0))
     shown = rest(1, 24.0)
-    assert judge_rest(shown, weak) is not None
-    assert judge_rest(shown, strong) is None
+    assert check_rest(shown, weak) is not None
+    assert check_rest(shown, strong) is None
 
 
 def test_a_current_that_stands_while_the_output_stage_is_off_is_refused() -> None:
-    cause = judge_rest(rest(2, current_A=0.1), LIMITS)
+    cause = check_rest(rest(2, current_A=0.1), LIMITS)
     assert cause is not None
     assert float(cause.detail.split("reports ")[1].split()[0]) == pytest.approx(100.0, abs=2.0)
     assert "ECU" in cause.detail
-    assert judge_rest(rest(3, current_A=0.01), LIMITS) is None
+    assert check_rest(rest(3, current_A=0.01), LIMITS) is None
 
 
 def test_the_zero_is_known_as_well_as_the_rest_window_allows() -> None:

@@ -50,7 +50,7 @@ class Broken:
     progress = point_done = message = planned
 
 
-def test_a_broken_display_goes_dark_and_is_not_asked_again() -> None:
+def test_a_broken_display_goes_dark_and_is_not_queried_again() -> None:
     broken = Broken()
     display = GuardedDisplay(broken)
     display.phase("running")
@@ -73,7 +73,7 @@ class Standing(Broken):
         self.shown.append(text)
 
 
-def test_a_display_that_stands_still_keeps_nobody_waiting_and_shows_everything_in_order_later() -> None:
+def test_a_display_that_stalls_does_not_block_and_shows_everything_in_order_later() -> None:
     standing = Standing()
     display = GuardedDisplay(standing)
     for number in range(100):
@@ -88,7 +88,7 @@ def test_a_display_that_stands_still_keeps_nobody_waiting_and_shows_everything_i
 
 def test_a_point_never_begun_is_in_the_books_as_not_run() -> None:
     results = PointResults(POINTS)
-    results.judged(POINTS[0], Path("p001.h5"), "valid", (), 0)
+    results.record_verdict(POINTS[0], Path("p001.h5"), "valid", (), 0)
     assert [(result.id, result.verdict) for result in results.all_results()] == [("p001", "valid"), ("p002", "not run")]
     assert results.valid == 1
     assert results.all_results()[1].to_json()["file"] is None
@@ -96,8 +96,8 @@ def test_a_point_never_begun_is_in_the_books_as_not_run() -> None:
 
 def test_a_second_attempt_replaces_a_broken_first_and_never_a_valid_one() -> None:
     results = PointResults(POINTS)
-    results.judged(POINTS[0], Path("p001.h5"), "invalid", ("ecu-silent",), 3)
-    results.judged(POINTS[0], Path("p001-attempt2.h5"), "valid", (), 0)
+    results.record_verdict(POINTS[0], Path("p001.h5"), "invalid", ("ecu-silent",), 3)
+    results.record_verdict(POINTS[0], Path("p001-attempt2.h5"), "valid", (), 0)
     results.given_up(POINTS[0], StopCause("current-tracking", "never settled"))
     (first, _) = results.all_results()
     assert (first.verdict, first.file) == ("valid", Path("p001-attempt2.h5"))

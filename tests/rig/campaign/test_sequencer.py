@@ -141,9 +141,9 @@ CASES = {
         Conditions(longest_s=2 * COOLING_PAUSE_S),
         retries=1,
         events=HOT_EVENTS,
-        phases=frozenset({Phase.COOLING_DOWN, Phase.JUDGING, Phase.RESETTING}),
+        phases=frozenset({Phase.COOLING_DOWN, Phase.EVALUATING, Phase.RESETTING}),
     ),
-    "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.JUDGING, Phase.RESETTING})),
+    "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.EVALUATING, Phase.RESETTING})),
     "compensated": Case(*COMPENSATED, events=WITHOUT_PAUSES + MEASURED_MOTIONS, phases=frozenset({Phase.ADAPTING})),
     "tempered": Case(
         *TEMPERED,
@@ -153,7 +153,7 @@ CASES = {
     "by-hand": Case(
         conditions=Conditions(hand=ManualState("off", 600.0)),
         events=(*WITHOUT_PAUSES, ev.Abort(StopKind.FADE_OUT, StopCause("sigint")), ev.OperatorAnswered()),
-        phases=frozenset({Phase.YIELDING, Phase.ASKING, Phase.TOLD, Phase.TAKING_AWAY, Phase.TAKEN_AWAY}),
+        phases=frozenset({Phase.YIELDING, Phase.ASKING, Phase.CURRENT_SET, Phase.TAKING_AWAY, Phase.TAKEN_AWAY}),
     ),
 }
 
@@ -314,7 +314,7 @@ def test_every_fault_or_abort_of_an_armed_rig_latches_or_ends(edges: list[Edge])
             assert edge.after.latch is not None or edge.before.phase is Phase.ENDED
 
 
-def test_the_station_is_asked_to_stop_at_once_when_the_application_sees_the_fault(edges: list[Edge]) -> None:
+def test_the_station_is_requested_to_stop_at_once_when_the_application_sees_the_fault(edges: list[Edge]) -> None:
     for edge in edges:
         if not isinstance(edge.event, ev.Fault | ev.Abort) or not edge.before.armed or edge.before.latch is not None:
             continue
@@ -360,14 +360,14 @@ def test_an_attempt_never_writes_over_another(edges: list[Edge]) -> None:
 def test_current_flows_only_where_the_rig_may_move(edges: list[Edge]) -> None:
     for edge in edges:
         for action in edge.actions:
-            said = isinstance(edge.event, ev.OperatorAnswered)  # set by hand already, the pressure off
-            if isinstance(action, act.SetCurrent) and action.current_A != 0.0 and not said:
+            stated = isinstance(edge.event, ev.OperatorAnswered)  # set by hand already, the pressure off
+            if isinstance(action, act.SetCurrent) and action.current_A != 0.0 and not stated:
                 assert edge.after.proved
                 assert edge.after.powered
                 assert edge.after.latch is None
 
 
-def test_the_end_is_said_once_and_absorbs_everything(edges: list[Edge]) -> None:
+def test_the_end_is_reported_once_and_absorbs_everything(edges: list[Edge]) -> None:
     for edge in edges:
         if edge.before.phase is Phase.ENDED:
             assert (edge.after, edge.actions) == (edge.before, ())
@@ -398,8 +398,8 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     assert gone
     for edge in gone:
         latch = edge.before.latch
-        asked = edge.event == ev.Done(Request.STOP) and latch is not None and latch.stop is StopKind.PRESSURE_OFF
-        stopped = asked or edge.event == ev.Safe(StopKind.PRESSURE_OFF)
+        requested = edge.event == ev.Done(Request.STOP) and latch is not None and latch.stop is StopKind.PRESSURE_OFF
+        stopped = requested or edge.event == ev.Safe(StopKind.PRESSURE_OFF)
         yielded = edge.before.phase is Phase.YIELDING and edge.event == ev.Done(Request.HYDRAULICS_OFF)
         assert stopped or yielded or edge.event == ev.Done(Request.DISARM)
 
@@ -423,7 +423,7 @@ NEVER = replace(S2, moved=False, pressurised=False, powered=False, left_to_stati
 
 
 @pytest.mark.parametrize(
-    ("state", "ended", "safe", "stands", "known"),
+    ("state", "ended", "safe", "at_rest", "known"),
     [
         (LEFT, True, True, True, RigState.SAFE),
         (LEFT, True, False, False, RigState.UNKNOWN),  # its exit code is no proof: it may have had nothing armed
@@ -441,9 +441,9 @@ NEVER = replace(S2, moved=False, pressurised=False, powered=False, left_to_stati
     ],
 )
 def test_a_rig_left_to_its_station_is_safe_by_what_the_station_proved(
-    state: State, ended: bool, safe: bool, stands: bool, known: RigState
+    state: State, ended: bool, safe: bool, at_rest: bool, known: RigState
 ) -> None:
-    assert after_station(state, ended=ended, safe=safe, stands=stands).rig_state is known
+    assert after_station(state, ended=ended, safe=safe, at_rest=at_rest).rig_state is known
 
 
 def test_every_state_can_still_reach_the_end(explored: Explored) -> None:
@@ -504,7 +504,7 @@ def test_an_action_that_fails_stops_the_rig_and_energises_nothing(edges: list[Ed
             assert edge.after.latch is not None or edge.after.refused is not None or edge.before.phase in ending
 
 
-def test_what_fails_before_its_stop_is_asked_for_is_left_to_the_station(edges: list[Edge]) -> None:
+def test_what_fails_before_its_stop_is_requested_is_left_to_the_station(edges: list[Edge]) -> None:
     essential = act.Stop | act.Deadline
     lost = [
         edge for edge in edges
@@ -553,7 +553,7 @@ def answers(state: State) -> Iterator[ev.Event]:
     }
     if state.phase in request:
         yield ev.Done(request[state.phase])
-    elif state.phase is Phase.JUDGING:
+    elif state.phase is Phase.EVALUATING:
         yield ev.Judged(state.unjudged[0], valid=True)
     else:
         yield reports[state.phase]
@@ -600,7 +600,7 @@ def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_b
     assert state.latch is None
 
 
-def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is_repeated() -> None:
+def test_a_hot_ecu_is_queried_again_until_it_has_cooled_down_and_then_the_point_is_repeated() -> None:
     state, _ = play(start_state(POINTS, 1, Conditions(longest_s=3 * COOLING_PAUSE_S)), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, HOT))
     state, actions = step(state, ev.Safe())
@@ -798,7 +798,7 @@ def test_points_run_at_what_was_confirmed_only(by_hand: list[Edge]) -> None:
     started = [edge for edge in by_hand if any(isinstance(action, act.Start) for action in edge.actions)]
     assert started
     for edge in started:
-        assert edge.after.asked_A is None
+        assert edge.after.requested_A is None
         assert edge.after.hand_A == edge.after.point.first_current_A
 
 
@@ -809,9 +809,9 @@ def test_it_never_ends_as_safe_while_the_current_may_flow(by_hand: list[Edge]) -
     assert all(state.rig_state is RigState.UNKNOWN for state in ended if state.hand_flows)
 
 
-def test_the_station_is_told_only_what_somebody_said(by_hand: list[Edge]) -> None:
+def test_the_station_receives_only_what_the_operator_stated(by_hand: list[Edge]) -> None:
     for edge in by_hand:
         for action in edge.actions:
             if isinstance(action, act.SetCurrent):
-                said = edge.before.asked_A if isinstance(edge.event, ev.OperatorAnswered) else edge.after.hand_A
-                assert action.current_A == said
+                stated = edge.before.requested_A if isinstance(edge.event, ev.OperatorAnswered) else edge.after.hand_A
+                assert action.current_A == stated

@@ -76,7 +76,7 @@ class Rig(RuleBasedStateMachine):
             assert self.state.phase in ENDS
 
     @rule()
-    def the_rig_does_what_it_was_asked(self) -> None:
+    def the_rig_does_what_was_requested(self) -> None:
         requests = {
             Phase.CONNECTING: Request.CONNECT, Phase.ARMING: Request.ARM, Phase.PRESSURE_LOW: Request.HYDRAULICS_LOW,
             Phase.PROVING_WATCHDOG: Request.STARVE_WATCHDOG, Phase.PRESSURE_ON: Request.HYDRAULICS_ON,
@@ -146,7 +146,7 @@ class Rig(RuleBasedStateMachine):
             assert self.state.recording is (self.open is not None)
 
     @invariant()
-    def the_end_is_safe_or_said_to_be_unknown(self) -> None:
+    def the_end_is_safe_or_stated_to_be_unknown(self) -> None:
         if hasattr(self, "state") and self.state.phase is Phase.ENDED:
             known = self.state.stopped or self.state.left_to_station
             assert not self.state.pressurised or self.state.rig_state is RigState.UNKNOWN or known

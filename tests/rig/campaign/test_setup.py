@@ -12,7 +12,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
 from rig.campaign.execution.point_recording import sensor_contexts
-from rig.campaign.kept_files import keep_file
+from rig.campaign.file_copies import keep_file
 from rig.campaign.machine_resources import locked, station_config
 from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
@@ -157,7 +157,7 @@ def test_the_description_says_what_was_run_and_how(tmp_path: Path) -> None:
     assert "127.0.0.1" not in json.dumps(description)
 
 
-def test_the_station_is_told_the_narrower_of_bench_and_specimen(tmp_path: Path) -> None:
+def test_the_station_receives_the_narrower_of_bench_and_specimen(tmp_path: Path) -> None:
     auxiliary = (
         '[[auxiliary]]\nname = "acceleration"\nunit = "g"\nurl = "/dev/ttyUSB33"\nrate = "1 kHz"\nrange = "50 g"\n'
         '[auxiliary.calibration]\nserial_number = "A-1"'

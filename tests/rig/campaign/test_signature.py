@@ -11,8 +11,8 @@ import pytest
 from rig.campaign.preflight.proof_move import (
     Baseline,
     Signature,
+    check_damper,
     expected_signature,
-    judge_damper,
     measured_signature,
     read_baseline,
 )
@@ -45,7 +45,7 @@ def test_the_prior_predicts_gas_force_and_friction_of_the_slow_move() -> None:
 
 def test_a_move_that_was_not_seen_has_no_signature_and_is_refused() -> None:
     assert measured_signature(NOISE[0][:4], NOISE[1]) is None
-    refusal = judge_damper(None, None, None)
+    refusal = check_damper(None, None, None)
     assert refusal is not None
     assert refusal.slug == "wrong-damper"
 
@@ -55,7 +55,7 @@ def test_a_damper_stronger_than_its_prior_allows_is_refused_a_weaker_one_is_not(
     expected = expected_signature(DEMO, 2e-3, 0.010)
     assert expected is not None
     found = Signature(strength * expected.mean_N, strength * expected.swing_N)
-    assert (judge_damper(found, expected, None) is not None) is refused
+    assert (check_damper(found, expected, None) is not None) is refused
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_a_damper_stronger_than_its_prior_allows_is_refused_a_weaker_one_is_not(
     ],
 )
 def test_a_resumed_campaign_wants_the_first_sessions_damper(found: Signature, refused: bool) -> None:
-    assert (judge_damper(found, None, Signature(-250.0, 60.0)) is not None) is refused
+    assert (check_damper(found, None, Signature(-250.0, 60.0)) is not None) is refused
 
 
 def test_without_a_prior_nothing_is_expected() -> None:
@@ -120,7 +120,7 @@ def test_a_campaign_goes_on_near_the_temperatures_it_has_seen(
 
 
 @pytest.mark.parametrize("text", ["[1", '"text"', '{"signature": {"mean_N": "x"}}', '{"signature": {}}'])
-def test_a_damaged_baseline_is_said_and_not_believed(tmp_path: Path, text: str) -> None:
+def test_a_damaged_baseline_is_reported_and_not_believed(tmp_path: Path, text: str) -> None:
     (tmp_path / "baseline.json").write_text(text, encoding="utf-8")
     with pytest.raises(FileProblem):
         _ = Baseline(tmp_path).signature

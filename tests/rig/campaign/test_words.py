@@ -25,7 +25,7 @@ def calls() -> Iterator[tuple[str, ast.Call, int]]:
                 yield f"{path.name}:{node.lineno}", node, SAYS[node.func.id]
 
 
-def wanted(name: str) -> set[str]:
+def numbers_of(name: str) -> set[str]:
     fields = {field for _, field, _, _ in string.Formatter().parse(words.MESSAGES[name]) if field}
     return fields - {"advice"}
 
@@ -42,7 +42,7 @@ def test_who_says_something_gives_what_its_message_needs() -> None:
         given = {keyword.arg for keyword in call.keywords}
         for name in names(call.args[position]):
             assert name in words.MESSAGES, place
-            assert None in given or wanted(name) <= given, (place, name, wanted(name) - given)
+            assert None in given or numbers_of(name) <= given, (place, name, numbers_of(name) - given)
 
 
 def test_no_message_is_left_over() -> None:
@@ -52,7 +52,7 @@ def test_no_message_is_left_over() -> None:
 
 @pytest.mark.parametrize("name", words.ADVICE)
 def test_an_explanation_takes_the_place_of_the_advice(name: str) -> None:
-    values = dict.fromkeys(wanted(name), 1.0)
+    values = dict.fromkeys(numbers_of(name), 1.0)
     cause = because("not-tared", name, **values)
     exchanged = cause.explained("sensors-swapped", "plugs")
     assert words.ADVICE[name] in cause.detail

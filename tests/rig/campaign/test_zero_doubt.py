@@ -33,7 +33,7 @@ def books(folder: Path) -> PointResults:
             test={"id": point.id, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": 1.0, "current_A": 0.0},
             quality={"verdict": "valid"}, provenance={"bench_hash": "b"},
         ))
-        results.judged(point, file, "valid", (), 0)
+        results.record_verdict(point, file, "valid", (), 0)
     return results
 
 
@@ -41,7 +41,7 @@ def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_pa
     before = books(tmp_path).results
     results, warned = PointResults(POINTS, {"p001": before["p001"]}), list[str]()
     for point in POINTS[1:]:
-        results.judged(point, before[point.id].file, "valid", (), 0)
+        results.record_verdict(point, before[point.id].file, "valid", (), 0)
     results.doubted([FINDING], warned.append)
     assert warned == []
     assert results.valid == 1
@@ -54,14 +54,14 @@ def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_pa
         assert len(doubts([read])) == 1
 
 
-def test_a_later_judgement_of_all_points_keeps_the_doubt(tmp_path: Path) -> None:
+def test_a_later_evaluation_of_all_points_keeps_the_doubt(tmp_path: Path) -> None:
     results = books(tmp_path)
     results.doubted([FINDING], str)
     list(judge_together(tmp_path))
     assert {RecordedPoint.open(file).verdict for file in tmp_path.glob("*.h5")} == {"suspect"}
 
 
-def test_zeros_that_returned_touch_nothing_and_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+def test_zeros_that_returned_touch_nothing_and_a_file_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
     results = books(tmp_path)
     before = (tmp_path / "p001.h5").read_bytes()
     results.doubted([], str)

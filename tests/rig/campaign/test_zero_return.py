@@ -57,15 +57,15 @@ def test_two_thousand_clean_sessions_are_silent_however_few_statuses_a_fast_rig_
 
 
 @pytest.mark.parametrize(
-    ("peak_N", "shift_N", "told"), [(1500, 365, False), (1500, 385, True), (20, 40, False), (20, 60, True)]
+    ("peak_N", "shift_N", "reported"), [(1500, 365, False), (1500, 385, True), (20, 40, False), (20, 60, True)]
 )
-def test_a_force_at_rest_that_does_not_come_back_is_told_beyond_a_quarter_of_the_peak_and_the_zeros_tolerance(
-    peak_N: float, shift_N: float, told: bool
+def test_a_force_at_rest_that_does_not_come_back_is_reported_beyond_a_quarter_of_the_peak_and_the_zeros_tolerance(
+    peak_N: float, shift_N: float, reported: bool
 ) -> None:
     quiet = np.random.default_rng(4)
     check = session(quiet, rest(quiet, shift_N), peak_N=peak_N)
     left = check.force_left(zero_N=50.0)
-    assert (left is not None) is told
+    assert (left is not None) is reported
     if left is not None:
         assert (left.slug, left.values["limit"]) == ("current-left", pytest.approx(max(50.0, peak_N / 4)))
         assert left.blamed == "bench"
@@ -98,7 +98,7 @@ def test_the_limit_goes_with_the_measured_force() -> None:
     assert not session(random, rest(random, 60.0), peak_N=20_000.0).findings()
 
 
-def test_nothing_is_said_without_both_windows_or_of_samples_that_the_sensor_disowns() -> None:
+def test_nothing_is_reported_without_both_windows_or_of_samples_that_the_sensor_disowns() -> None:
     random = np.random.default_rng(5)
     check = session(random, rest(random, 500.0))
     check.end = None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from world_campaign import LONGEST_S, Setting, serve
+from scenario_campaign import LONGEST_S, Setting, serve
 
 from rig.bench.model import Bench
 from rig.check.check import check_bench
@@ -96,7 +96,7 @@ def test_garbled_bytes_are_called_a_wrong_baud_rate_and_hide_no_other_device(tmp
     assert not report.passed
 
 
-def test_frames_that_fail_their_checks_are_told_from_a_silent_ecu(tmp_path: Path) -> None:
+def test_frames_that_fail_their_checks_are_distinguished_from_a_silent_ecu(tmp_path: Path) -> None:
     report = checked(tmp_path, "--fault", "ecu-crc")
     assert "every frame of CoilStatus has a wrong checksum" in finding(report, "ecu", "ecu-crc").text
     assert "data ID" in finding(report, "ecu", "ecu-crc").fix
@@ -124,12 +124,12 @@ def test_commands_that_an_ecu_throws_away_without_a_word_are_found_by_a_small_cu
     text = (EXAMPLES / "coil-driver-roles.toml").read_text(encoding="utf-8").replace("command-check = 5\n", "")
     roles.write_text(text, encoding="utf-8")
     wrong.write_text(text.replace("0x2A1", "0x2A3"), encoding="utf-8")
-    worn = ("--dbc", str(dbc), "--ecu-roles", str(roles))
+    emulated = ("--dbc", str(dbc), "--ecu-roles", str(roles))
     (tmp_path / "right").mkdir()
-    assert checked(tmp_path / "right", *worn).passed
+    assert checked(tmp_path / "right", *emulated).passed
     (tmp_path / "astray").mkdir()
     seen = finding(
-        checked(tmp_path / "astray", *worn, change=lambda bench: bench.replace(str(roles), str(wrong))), "ecu",
+        checked(tmp_path / "astray", *emulated, change=lambda bench: bench.replace(str(roles), str(wrong))), "ecu",
         "ecu-command",
     )
     assert "0.2 A was commanded at rest, but the measured current does not follow" in seen.text
@@ -193,14 +193,14 @@ def test_a_check_that_is_killed_in_its_move_leaves_a_rig_at_rest_without_pressur
         assert stage.at_rest
 
 
-def test_a_device_that_is_not_there_is_said_beside_what_the_others_show(tmp_path: Path) -> None:
+def test_a_device_that_is_not_there_is_reported_beside_what_the_others_show(tmp_path: Path) -> None:
     report = checked(tmp_path, "--fault", "loadcell-pulled")
     assert finding(report, "load_cell", "unreachable")
     assert {name: verdicts(report)[name] for name in ("ecu", "lvdt")} == {"ecu": "ok", "lvdt": "ok"}
     assert finding(report, "actuator", "watchdog-unproved")
 
 
-def test_a_rate_that_is_not_the_bench_files_is_said_with_the_one_that_is(tmp_path: Path) -> None:
+def test_a_rate_that_is_not_the_bench_files_is_reported_with_the_one_that_is(tmp_path: Path) -> None:
     report = checked(tmp_path, change=lambda bench: bench.replace('rate = "250 Hz"', 'rate = "300 Hz"', 1))
     assert 'rate = "250 Hz" in [load_cell]' in finding(report, "load_cell", "sample-rate").fix
     assert not report.passed

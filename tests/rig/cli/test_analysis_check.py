@@ -19,7 +19,7 @@ POINTS = load_matrix(EXAMPLES / "quick.toml").points()
 
 
 @pytest.mark.parametrize(
-    ("wanted", "said"),
+    ("expected", "message"),
     [
         ({"holdout": "waveform=triangle"}, "matches none of the 2 points"),
         ({"holdout": "current_A=7"}, "matches none of the 2 points"),
@@ -41,9 +41,9 @@ POINTS = load_matrix(EXAMPLES / "quick.toml").points()
         ({"method": "c_foa", "temperature_law": "viscous"}, 'method = "separable"'),
     ],
 )
-def test_what_cannot_be_identified_is_said_with_its_key(wanted: dict[str, object], said: str) -> None:
-    (problem,) = analysis_problems(Identify.model_validate(wanted), POINTS)
-    assert said in problem
+def test_what_cannot_be_identified_is_reported_with_its_key(expected: dict[str, object], message: str) -> None:
+    (problem,) = analysis_problems(Identify.model_validate(expected), POINTS)
+    assert message in problem
     assert problem.partition(" ")[0].rstrip(":") in {"holdout", "method", "series_spring", "current", "temperature_law"}
 
 
@@ -54,7 +54,7 @@ def test_the_end_of_the_time_may_be_held_out_of_signals() -> None:
 
 
 @pytest.mark.parametrize(
-    "wanted",
+    "expected",
     [
         {},
         {"holdout": "current_A=1.5"},
@@ -65,8 +65,8 @@ def test_the_end_of_the_time_may_be_held_out_of_signals() -> None:
         *({"method": method} for method in METHODS if method != "zhu_three_step"),
     ],
 )
-def test_what_can_be_identified_is_not_refused(wanted: dict[str, object]) -> None:
-    assert analysis_problems(Identify.model_validate(wanted), POINTS) == []
+def test_what_can_be_identified_is_not_refused(expected: dict[str, object]) -> None:
+    assert analysis_problems(Identify.model_validate(expected), POINTS) == []
 
 
 @pytest.mark.parametrize("command", [("plan", "--bench", BENCH), ("run", "--simulate")], ids=["plan", "run"])

@@ -65,21 +65,21 @@ def rig(environment: dict[str, str], *arguments: str) -> tuple[int, str]:
 def test_a_command_works_and_writes_ascii(
     environment: dict[str, str], files: dict[str, str], arguments: tuple[str, ...], code: int, expected: str
 ) -> None:
-    ended, told = rig(environment, *(files.get(item, item) for item in arguments))
-    assert ended == code, told
-    assert expected in told
+    ended, reported = rig(environment, *(files.get(item, item) for item in arguments))
+    assert ended == code, reported
+    assert expected in reported
 
 
 def test_every_help_is_ascii() -> None:
     for name in ("", *COMMANDS):
-        code, told = rig(ASCII, *filter(None, (name,)), "--help")
+        code, reported = rig(ASCII, *filter(None, (name,)), "--help")
         assert code == 0
-        assert "Usage" in told
+        assert "Usage" in reported
 
 
 def test_json_stays_json(files: dict[str, str]) -> None:
-    _, told = rig(ASCII, "plan", files["matrix"], "--bench", files["bench"], "--json")
-    assert json.loads(told)["bench"].startswith("Prüfstand")
+    _, reported = rig(ASCII, "plan", files["matrix"], "--bench", files["bench"], "--json")
+    assert json.loads(reported)["bench"].startswith("Prüfstand")
 
 
 def test_what_is_no_error_of_encoding_is_raised_again() -> None:

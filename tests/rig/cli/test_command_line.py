@@ -16,7 +16,7 @@ import pytest
 from in_process import rig, rig_process
 
 from rig import __version__, version
-from rig.cli.main import COMMANDS, answered, foreign_packages
+from rig.cli.main import COMMANDS, answered, conflicting_packages
 from rig.cli.main import _present_spelling as present_spelling
 from rig.errors import EXIT_DEFECT
 
@@ -179,9 +179,9 @@ def test_bad_usage_and_bad_files_end_in_exit_2_with_one_message_and_no_traceback
     assert "Traceback" not in result.stderr
     assert result.stdout == ""
     where = arguments.index("--") if "--" in arguments else len(arguments)
-    told = rig(*arguments[:where], "--json", *arguments[where:])
-    assert told.returncode == 2
-    error = one_object(told)
+    reported = rig(*arguments[:where], "--json", *arguments[where:])
+    assert reported.returncode == 2
+    error = one_object(reported)
     assert message in error["error"]
     assert error["exit_code"] == 2
 
@@ -207,7 +207,7 @@ def test_the_schema_knows_units_and_refuses_unknown_keys(name: str) -> None:
     assert re.match(suffixed, "speed_m_s" if name == "bench" else "amplitude_mm")
 
 
-def test_foreign_tests_become_a_run_that_is_listed(tmp_path: Path) -> None:
+def test_imported_tests_become_a_run_that_is_listed(tmp_path: Path) -> None:
     phases = [2 * math.pi * number / 200 for number in range(1200)]
     rows = [f"{phase / (2 * math.pi)},{20 * math.sin(phase)},{300 * math.cos(phase)}" for phase in phases]
     (tmp_path / "loop_0.50A.csv").write_text("t_s,x_mm,F_N\n" + "\n".join(rows) + "\n")
@@ -228,21 +228,21 @@ def test_foreign_tests_become_a_run_that_is_listed(tmp_path: Path) -> None:
     assert rig("recover", made["campaign"]).stdout == "nothing to recover\n"
 
 
-def test_files_read_alike_are_told_once_and_the_odd_one_by_its_name(tmp_path: Path) -> None:
+def test_files_read_identical_are_reported_once_and_the_odd_one_by_its_name(tmp_path: Path) -> None:
     rows = [(k / 100, 20 * math.sin(k / 50), 300 * math.cos(k / 50)) for k in range(1200)]
     for name, sign in (("a", ","), ("b", ","), ("odd", ";"), ("c", ",")):
         (tmp_path / f"{name}.csv").write_text(
             sign.join(("t_s", "x_mm", "F_N")) + "\n" + "".join(sign.join(map(str, row)) + "\n" for row in rows)
         )
-    wanted = ("--column", "time=t_s", "--column", "displacement=x_mm", "--column", "force=F_N", "--current", "1 A")
-    told = rig("import", *sorted(tmp_path.glob("*.csv")), *wanted, "--dry-run").stdout
+    expected = ("--column", "time=t_s", "--column", "displacement=x_mm", "--column", "force=F_N", "--current", "1 A")
+    reported = rig("import", *sorted(tmp_path.glob("*.csv")), *expected, "--dry-run").stdout
     columns = "  time t_s (s, by its name)\n  displacement x_mm (mm, by its name)\n  force F_N (N, by its name)\n"
-    alike, odd = told.split(columns)[:2]
-    assert alike == (", ".join(str(tmp_path / f"{name}.csv") for name in "abc")
+    identical, odd = reported.split(columns)[:2]
+    assert identical == (", ".join(str(tmp_path / f"{name}.csv") for name in "abc")
                      + ": CSV, separator ',', decimal '.', utf-8, names in line 1, numbers from line 2\n")  # fmt: skip
     assert odd.startswith(f"{tmp_path / 'odd.csv'}: CSV, separator ';'")
-    told = rig("import", *sorted(tmp_path.glob("?.csv")), *wanted, "--dry-run").stdout
-    assert told == alike.replace(alike.split(": CSV")[0], "all 3 files") + columns
+    reported = rig("import", *sorted(tmp_path.glob("?.csv")), *expected, "--dry-run").stdout
+    assert reported == identical.replace(identical.split(": CSV")[0], "all 3 files") + columns
 
 
 def test_a_damaged_run_is_remarked_and_hides_no_other(tmp_path: Path) -> None:
@@ -255,20 +255,20 @@ def test_a_damaged_run_is_remarked_and_hides_no_other(tmp_path: Path) -> None:
 
 
 def test_packages_of_the_same_name_from_another_project_are_named(tmp_path: Path) -> None:
-    assert foreign_packages() is None
+    assert conflicting_packages() is None
     for name in ("drivers", "protocols", "simulators"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").touch()
-    told = foreign_packages([str(tmp_path), *sys.path])
-    assert told is not None
-    assert str(tmp_path / "drivers") in told
-    assert "belongs to another project" in told
-    told = foreign_packages([])
-    assert told is not None
-    assert "missing" in told
+    reported = conflicting_packages([str(tmp_path), *sys.path])
+    assert reported is not None
+    assert str(tmp_path / "drivers") in reported
+    assert "belongs to another project" in reported
+    reported = conflicting_packages([])
+    assert reported is not None
+    assert "missing" in reported
 
 
-def test_what_is_wrong_in_matrix_and_bench_is_said_at_once(tmp_path: Path) -> None:
+def test_what_is_wrong_in_matrix_and_bench_is_reported_at_once(tmp_path: Path) -> None:
     matrix, bench = tmp_path / "matrix.toml", tmp_path / "bench.toml"
     matrix.write_text(Path(TABLE1).read_text(encoding="utf-8").replace("frequency", "frequenzy"), encoding="utf-8")
     bench.write_text(Path(DEMO).read_text(encoding="utf-8").replace("0.8 m/s\"", "0.8 N\""), encoding="utf-8")
@@ -308,8 +308,8 @@ def test_a_defect_ends_in_one_line_and_a_file(capsys: pytest.CaptureFixture[str]
         raise ZeroDivisionError("a defect")
 
     assert answered(broken, [], "broken") == EXIT_DEFECT
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
-    written = Path(said.split()[-1])
+    message = capsys.readouterr().err
+    assert "Traceback" not in message
+    written = Path(message.split()[-1])
     assert "ZeroDivisionError: a defect" in written.read_text(encoding="utf-8")
     written.unlink()

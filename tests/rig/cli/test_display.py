@@ -132,14 +132,14 @@ STOPPED = StopReport(
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [({"pressure_off": False}, "hydraulics off"), ({"proved": False, "current_zero": False}, "standstill and 0 A")],
 )
-def test_what_is_not_proved_is_named(change: dict[str, object], said: str) -> None:
+def test_what_is_not_proved_is_named(change: dict[str, object], message: str) -> None:
     console, text = terminal(is_terminal=False)
     ended = campaign(result("invalid"), stopped_by="sigint", rig_state="unknown")
     show_result(JobResult(replace(ended, stop=replace(STOPPED, **change)), None, None, None), console)
-    assert f"{said} could not be confirmed" in text.getvalue()
+    assert f"{message} could not be confirmed" in text.getvalue()
 
 
 def ended(stop: StopReport, detail: str, *points: PointResult) -> str:
@@ -149,7 +149,7 @@ def ended(stop: StopReport, detail: str, *points: PointResult) -> str:
     return text.getvalue()
 
 
-def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
+def test_an_operators_stop_is_reported_as_one_with_the_way_to_go_on() -> None:
     assert (
         "Stopped by operator (Ctrl-C): motion ramped down, coil at 0 A, hydraulics off. p003 not finished. "
         "Continue with: rig run --resume run\n"
@@ -157,7 +157,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"moved": False}, "no motion had started"),
         ({"halted": True}, "motion halted"),
@@ -176,8 +176,10 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
         ({"slug": "ecu-silent"}, "Stopped by ecu-silent (S2), no status: "),
     ],
 )
-def test_a_stop_says_only_what_was_proved_and_what_the_operator_has_to_do(change: dict[str, object], said: str) -> None:
-    assert said in ended(replace(STOPPED, **change), "no status", result("valid"))
+def test_a_stop_says_only_what_was_proved_and_what_the_operator_has_to_do(
+    change: dict[str, object], message: str
+) -> None:
+    assert message in ended(replace(STOPPED, **change), "no status", result("valid"))
 
 
 def test_a_point_that_the_operator_stopped_is_nobodys_fault() -> None:
@@ -249,7 +251,7 @@ def test_a_fit_shows_its_ranking_its_numbers_each_held_out_test_and_what_to_try(
     assert "--holdout" in text
 
 
-def test_inside_is_judged_by_the_interval_that_is_shown_and_only_where_there_is_one() -> None:
+def test_inside_is_evaluated_by_the_interval_that_is_shown_and_only_where_there_is_one() -> None:
     mass = FIT.parameters["m"]
     assert [mass.holds(true) for true in (3.85, 3.95, None)] == [True, False, None]
     assert FIT.parameters["eta"].holds(25.0) is None

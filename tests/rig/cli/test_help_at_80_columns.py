@@ -17,9 +17,9 @@ COMMANDS = sorted(set(cli.list_commands(click.Context(cli))) - {"scenarios"})
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_no_line_of_a_help_is_longer_than_the_terminal(command: str) -> None:
-    told = CliRunner().invoke(cli, [*command.split(), "--help"], terminal_width=80)
-    assert told.exit_code == 0
-    assert [line for line in told.output.splitlines() if len(line) > 80] == []
+    reported = CliRunner().invoke(cli, [*command.split(), "--help"], terminal_width=80)
+    assert reported.exit_code == 0
+    assert [line for line in reported.output.splitlines() if len(line) > 80] == []
 
 
 def test_a_long_example_is_what_a_shell_reads_as_one_command() -> None:

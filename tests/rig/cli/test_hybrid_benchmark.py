@@ -12,15 +12,15 @@ from rig.cli.run import following
 from rig.matrix.model import load_matrix
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+def run_rig(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     """Exit code, and what it printed."""
     code = main(["benchmark", *arguments])
     return code, capsys.readouterr().out
 
 
 def test_in_process_no_wire_takes_part(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ("--case", "1", "--rate", "250", "--compensator", "adaptive-model", "--plants", "1")
-    code, out = told(capsys, *asked, "--json")
+    requested = ("--case", "1", "--rate", "250", "--compensator", "adaptive-model", "--plants", "1")
+    code, out = run_rig(capsys, *requested, "--json")
     answer = json.loads(out)
     assert code == 0
     assert (answer["plants"], answer["latency_steps"], answer["wires"]) == (1, 0, None)
@@ -33,7 +33,7 @@ def test_in_process_no_wire_takes_part(capsys: pytest.CaptureFixture[str]) -> No
 def test_wires_have_a_rate_and_a_latency_of_their_own(
     more: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert told(capsys, "--wires", *more)[0] == 2
+    assert run_rig(capsys, "--wires", *more)[0] == 2
 
 
 def test_the_usual_simulated_rig_follows_set_points_for_a_hybrid_test_whichever_command_starts_it() -> None:

@@ -44,10 +44,10 @@ def make_run(
             rows = np.column_stack((t, 1e3 * u + rng.normal(0, 0.005, t.size), force + rng.normal(0, 5.0, t.size)))
             name = folder / f"f{frequency:g}_{current:g}A.csv"
             np.savetxt(name, rows, delimiter=",", header="t_s,x_mm,F_N", comments="", fmt="%.5f")
-    wanted = [option for column in COLUMNS for option in ("--column", column)]
+    expected = [option for column in COLUMNS for option in ("--column", column)]
     files = sorted(folder.glob("*.csv"))
     name = ("--current-from-name", "_(?P<current>[0-9.]+)A", "--specimen", specimen, "--out", folder / "runs")
-    made = rig("import", *files, *wanted, *name, "--json")
+    made = rig("import", *files, *expected, *name, "--json")
     assert made.returncode == exit_code, made.stderr
     return Path(json.loads(made.stdout)["campaign"])
 
@@ -75,23 +75,23 @@ def test_numbers_profile_energy_and_the_next_test_are_in_one_object(good: Path) 
 def test_the_fit_after_a_run_compares_models_where_the_quick_one_is_not_adequate(
     good: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit, asked = identify_run([good], model="auto"), []
+    fit, requested = identify_run([good], model="auto"), []
     assert (fit.model, fit.adequate) == ("asymmetric", True)  # what made the tests, fitted alone
     assert len(fit.selection) == 1
 
     def misfits(*_tests: object, model: str, **_settings: object) -> Fit:
-        asked.append(model)
+        requested.append(model)
         return replace(fit, evaluation=replace(fit.evaluation, adequate=False))
 
     monkeypatch.setattr("rig.identification.runs.identify", misfits)
     identify_run([good], model="auto")
     identify_run([good], model="asymmetric")
-    assert asked == ["asymmetric", "few", "asymmetric"]
-    asked.clear()
+    assert requested == ["asymmetric", "few", "asymmetric"]
+    requested.clear()
     identify_run([good], model="auto", series_spring=True)
     identify_run([good], model="auto", current="per-current-affine")
     identify_run([good], model="auto", method="c_foa")
-    assert asked == ["asymmetric"] * 3  # none of these goes with several models
+    assert requested == ["asymmetric"] * 3  # none of these goes with several models
 
 
 def test_held_out_equal_to_training_or_to_nothing_is_refused(good: Path) -> None:
@@ -126,10 +126,10 @@ def test_too_few_samples_and_reversed_signs_are_refused(tmp_path: Path) -> None:
     assert "the measured force acts with the motion" in turned.stderr
 
 
-def test_one_frequency_and_one_current_name_what_they_cannot_tell(tmp_path: Path) -> None:
+def test_one_frequency_and_one_current_name_what_they_cannot_determine(tmp_path: Path) -> None:
     answer = rig("identify", make_run(tmp_path / "one", frequencies_Hz=(1.0,), currents_A=(1.0,)), "--json")
     parameters = json.loads(answer.stdout)["parameters"]
-    for name, said in (("m", "one frequency"), ("Fyb", "every test ran at 1.00 A"), ("eta", "add a current step")):
+    for name, message in (("m", "one frequency"), ("Fyb", "every test ran at 1.00 A"), ("eta", "add a current step")):
         assert not parameters[name]["identifiable"]
         assert parameters[name]["low"] is None
-        assert said in parameters[name]["reason"]
+        assert message in parameters[name]["reason"]

@@ -36,9 +36,9 @@ def test_the_files_load_and_every_point_of_them_is_feasible(tmp_path: Path) -> N
     matrix, bench = load_files(folder / "matrix.toml", folder / "bench.toml")
     assert (bench.load_cell.format, bench.lvdt.format, bench.actuator.register_map) == (
         "laumas-fast", "frame16", "demo")
-    judged = plan(matrix, bench)
-    assert judged.feasible
-    assert len(judged.points) == 6
+    planned = plan(matrix, bench)
+    assert planned.feasible
+    assert len(planned.points) == 6
 
 
 def test_the_commands_that_it_prints_can_be_copied_and_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +114,7 @@ def test_nothing_is_overwritten_and_a_device_that_there_is_not_is_refused(tmp_pa
     assert not (tmp_path / "new").exists()
 
 
-def test_on_a_terminal_it_asks_and_an_answer_without_a_unit_is_asked_for_again(tmp_path: Path) -> None:
+def test_on_a_terminal_it_asks_and_an_answer_without_a_unit_is_requested_again(tmp_path: Path) -> None:
     ours, theirs = os.openpty()
     answers = ["blue rig", "", "modbus-tcp://10.0.0.7:502", "", "", "", "", "", "25", "25 kN"]
     os.write(ours, "".join(f"{answer}\n" for answer in [*answers, *[""] * 11]).encode())

@@ -35,8 +35,8 @@ def captured(folder: Path, data: bytes) -> str:
 def test_captured_lines_become_lines_of_a_bench_file_that_loads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, told = run(capsys, captured(tmp_path, b"".join(LINES)[9:]), "--json")
-    answer = json.loads(told)
+    code, reported = run(capsys, captured(tmp_path, b"".join(LINES)[9:]), "--json")
+    answer = json.loads(reported)
     assert (code, answer["found"], answer["readings"], answer["damaged"]) == (0, True, 119, 0)
     assert answer["examples"][0]["value"] == pytest.approx(5.0 * math.sin(1 / 9.0), abs=6e-4)
     demo = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
@@ -54,17 +54,17 @@ def test_a_format_is_tried_on_captured_bytes(tmp_path: Path, capsys: pytest.Capt
     mine = tmp_path / "mine.toml"
     mine.write_text("columns = { value = [4, 11], unit = [13, 14] }\nunit = \"kN\"\n", encoding="utf-8")
     data = captured(tmp_path, b"".join(LINES[:50]) + b"ST,+01x.000 kN\r\n" + b"".join(LINES[50:]))
-    code, told = run(capsys, data, "--format", str(mine))
+    code, reported = run(capsys, data, "--format", str(mine))
     assert code == 0
-    assert "are 119 readings; 1 damaged" in told
-    assert f"14 at {16 * 50}" in told
-    wrong, told = run(capsys, data, "--format", "optoncdt")
+    assert "are 119 readings; 1 damaged" in reported
+    assert f"14 at {16 * 50}" in reported
+    wrong, reported = run(capsys, data, "--format", "optoncdt")
     assert wrong == 5
     mine.write_text("columns = { value = [4, 11] }\nunt = \"kN\"\ndecimals = 12\n", encoding="utf-8")
     assert main(["check", "--listen", data, "--format", str(mine)]) == 2
-    told = capsys.readouterr().err
-    assert "mine.toml: line 2: unt = " in told
-    assert "mine.toml: line 3: decimals = 12: too large (allowed: 0 to 9)" in told
+    reported = capsys.readouterr().err
+    assert "mine.toml: line 2: unt = " in reported
+    assert "mine.toml: line 3: decimals = 12: too large (allowed: 0 to 9)" in reported
 
 
 def test_a_port_is_listened_to_and_nothing_is_sent(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,19 +85,19 @@ def test_a_port_is_listened_to_and_nothing_is_sent(capsys: pytest.CaptureFixture
 
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
-        code, told = run(capsys, f"socket://127.0.0.1:{server.getsockname()[1]}", "--seconds", "0.4", "--json")
+        code, reported = run(capsys, f"socket://127.0.0.1:{server.getsockname()[1]}", "--seconds", "0.4", "--json")
         thread.join()
-    answer = json.loads(told)
+    answer = json.loads(reported)
     assert (code, answer["format"]) == (0, "lines")
     assert 50.0 < answer["rate_Hz"] < 210.0
     assert b"".join(heard) == b""
 
 
-def test_what_fits_nothing_is_told_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, told = run(capsys, captured(tmp_path, bytes(range(256)) * 3))
+def test_what_fits_nothing_is_reported_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, reported = run(capsys, captured(tmp_path, bytes(range(256)) * 3))
     assert code == 5
-    assert "no format matches; the data start with 00 01 02" in told
-    assert "add-a-sensor-format.md" in told
+    assert "no format matches; the data start with 00 01 02" in reported
+    assert "add-a-sensor-format.md" in reported
 
 
 @pytest.mark.parametrize("kind", ["dbc", "kcd", "sym"])
@@ -113,19 +113,19 @@ def test_a_log_of_a_bus_is_shown_by_identifiers_and_decoded_by_a_network_file(
     log = "".join(f"({k / 10:.6f}) can0 122#3B01FA0046050300\n({k / 10:.6f}) can0 7FF#0{k % 10}\n" for k in range(20))
     path = tmp_path / "bus.log"
     path.write_text(log, encoding="utf-8")
-    code, told = run(capsys, str(path), "--dbc", str(dbc), "--json")
-    answer = json.loads(told)
+    code, reported = run(capsys, str(path), "--dbc", str(dbc), "--json")
+    answer = json.loads(reported)
     assert (code, answer["frames"], answer["unknown_identifiers"]) == (0, 40, [0x7FF])
     temperature = answer["identifiers"][0]
     assert temperature["message"] == "CoilTemperature"
     assert temperature["signals"]["CoilTemperature"] == pytest.approx([31.5, 31.5])
     assert temperature["signals"]["Supply"] == pytest.approx([13.5, 13.5])
     assert temperature["period_ms"] == pytest.approx(100.0)
-    code, told = run(capsys, str(path))
-    assert "7FF" in told
-    assert "changing bytes: 0" in told
+    code, reported = run(capsys, str(path))
+    assert "7FF" in reported
+    assert "changing bytes: 0" in reported
 
 
-def test_a_port_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_is_not_there_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "--listen", "/dev/no-such-port", "--baud", "9600"]) == 2
     assert "cannot be opened: No such file" in capsys.readouterr().err

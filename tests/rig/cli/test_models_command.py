@@ -10,8 +10,8 @@ from rig.dampers import MODELS, parameter_set
 
 
 def test_every_model_is_listed_with_equation_and_parameters() -> None:
-    told = CliRunner().invoke(command, ["--json"], catch_exceptions=False)
-    models = json.loads(told.output)["models"]
+    reported = CliRunner().invoke(command, ["--json"], catch_exceptions=False)
+    models = json.loads(reported.output)["models"]
     assert {entry["name"] for entry in models} == set(MODELS)
     for entry in models:
         assert "F = " in entry["equation"]
@@ -21,11 +21,11 @@ def test_every_model_is_listed_with_equation_and_parameters() -> None:
 
 
 def test_a_model_by_name_shows_its_parameters_with_units() -> None:
-    told = CliRunner().invoke(command, ["lugre"], catch_exceptions=False)
-    assert "Canudas" in told.output
-    assert "dissipates" in told.output
-    assert "N s/m" in told.output
-    assert "dahl" not in told.output
+    reported = CliRunner().invoke(command, ["lugre"], catch_exceptions=False)
+    assert "Canudas" in reported.output
+    assert "dissipates" in reported.output
+    assert "N s/m" in reported.output
+    assert "dahl" not in reported.output
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

@@ -50,7 +50,7 @@ def test_ctrl_c_ends_the_waiting_and_no_more(tmp_path: Path) -> None:
     assert stayed(tmp_path, None, KeyboardInterrupt) == [False]
 
 
-def test_a_program_that_was_told_to_end_does_not_stay(tmp_path: Path) -> None:
+def test_a_program_that_was_requested_to_end_does_not_stay(tmp_path: Path) -> None:
     assert stayed(tmp_path, "sigterm") == []
 
 

@@ -118,14 +118,14 @@ def test_a_console_prints_the_plan_at_its_own_width() -> None:
     [(0.0, "0.0 s"), (9.94, "9.9 s"), (9.96, "10 s"), (99.4, "99 s"), (99.6, "1 min 40 s"), (3599.6, "1 h 0 min"),
      (34 * 3600 + 12 * 60, "34 h 12 min"), (7199.9, "2 h 0 min"), (400 * 3600, "400 h 0 min")],
 )  # fmt: skip
-def test_durations_are_said_as_people_say_them(seconds: float, text: str) -> None:
+def test_durations_are_written_as_people_write_them(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
 
 @pytest.mark.parametrize(
     ("joule", "text"), [(0.0172, "0.0172 J"), (613.4, "613 J"), (999.7, "1 kJ"), (35_200.0, "35.2 kJ"), (2e6, "2 MJ")]
 )
-def test_energies_are_said_in_short(joule: float, text: str) -> None:
+def test_energies_are_reported_in_short(joule: float, text: str) -> None:
     assert energy(joule) == text
 
 

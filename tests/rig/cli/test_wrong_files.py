@@ -125,7 +125,7 @@ Run = Callable[[str, Path], str]
 
 
 @pytest.fixture
-def told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
+def run_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
     """Plan with a wrong file of one kind and a good one of the other; give what standard error says."""
 
     def run(kind: str, wrong: Path) -> str:
@@ -157,24 +157,24 @@ def lines_of(error: str, path: Path) -> list[str]:
     ids=[name for name, row in WRONG_BENCHES.items()] + list(WRONG_MATRICES),
 )
 def test_a_wrong_entry_is_one_clear_line(
-    told: Run, tmp_path: Path, kind: str, old: str, new: str, expected: str
+    run_rig: Run, tmp_path: Path, kind: str, old: str, new: str, expected: str
 ) -> None:
     text = BENCH if kind == "bench" else MATRIX
     assert old in text
     path = tmp_path / "wrong.toml"
     path.write_text(text.replace(old, new, 1))
-    lines = lines_of(told(kind, path), path)
+    lines = lines_of(run_rig(kind, path), path)
     assert any(expected in line for line in lines), lines
     assert len(lines) == (3 if new == "[[point]]" else 1), lines
     if "test point" not in expected:
         assert re.match(r"line \d+: ", lines[0]), lines
 
 
-def test_what_a_slcan_channel_must_be_is_a_port_too(told: Run, tmp_path: Path) -> None:
+def test_what_a_slcan_channel_must_be_is_a_port_too(run_rig: Run, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
     text = BENCH.replace('"socketcan"', '"slcan"').replace('channel = "can0"', 'channel = "tcp://h:1"')
     path.write_text(text)
-    (line,) = lines_of(told("bench", path), path)
+    (line,) = lines_of(run_rig("bench", path), path)
     assert 'ecu.channel = "tcp://h:1": unknown kind of port tcp://' in line
 
 
@@ -207,11 +207,11 @@ ENCODINGS = {
 @pytest.mark.parametrize("kind", ["bench", "matrix"])
 @pytest.mark.parametrize(("content", "expected"), ENCODINGS.values(), ids=ENCODINGS)
 def test_a_file_that_is_none_is_refused_at_once(
-    told: Run, tmp_path: Path, kind: str, content: bytes, expected: str
+    run_rig: Run, tmp_path: Path, kind: str, content: bytes, expected: str
 ) -> None:
     path = tmp_path / "wrong.toml"
     path.write_bytes(content)
-    lines = lines_of(told(kind, path), path)
+    lines = lines_of(run_rig(kind, path), path)
     assert any(expected in line for line in lines), lines[:3]
     assert len(lines) <= 50
 
@@ -242,20 +242,20 @@ PLACES: dict[str, tuple[Callable[[Path], object], str]] = {
 @pytest.mark.parametrize("kind", ["bench", "matrix"])
 @pytest.mark.parametrize(("make", "expected"), PLACES.values(), ids=PLACES)
 def test_what_is_no_regular_file_is_refused_without_waiting(
-    told: Run, tmp_path: Path, kind: str, make: Callable[[Path], object], expected: str
+    run_rig: Run, tmp_path: Path, kind: str, make: Callable[[Path], object], expected: str
 ) -> None:
     path = tmp_path / "wrong.toml"
     make(path)
-    (line,) = lines_of(told(kind, path), path)
+    (line,) = lines_of(run_rig(kind, path), path)
     assert expected in line
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
-def test_an_unreadable_file_is_refused(told: Run, tmp_path: Path) -> None:
+def test_an_unreadable_file_is_refused(run_rig: Run, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
     path.write_text(BENCH)
     path.chmod(0)
-    assert "cannot be read: Permission denied" in told("bench", path)
+    assert "cannot be read: Permission denied" in run_rig("bench", path)
 
 
 @pytest.mark.parametrize(

@@ -23,19 +23,19 @@ ENERGY_J = math.pi * 1000.0 * 2 * math.pi * 0.02**2
 REBOUND = '[[rebound_force]]\nlow = "{low} N"\nhigh = "{high} N"\n'
 
 
-def judged(compared: Comparison) -> AcceptanceResult:
+def acceptance(compared: Comparison) -> AcceptanceResult:
     assert compared.judgement is not None
     return compared.judgement
 
 
 def states(compared: Comparison) -> list[str]:
-    return [str(result.state) for result in judged(compared).results]
+    return [str(result.state) for result in acceptance(compared).results]
 
 
 def test_a_value_within_its_band_passes_with_the_margin_to_the_nearer_limit(made_run: Make, bands: Make) -> None:
     compared = compare([made_run("a")], bands(REBOUND.format(low=70, high=90)))
-    (result,) = judged(compared).results
-    assert judged(compared).passed
+    (result,) = acceptance(compared).results
+    assert acceptance(compared).passed
     assert result.value == pytest.approx(REBOUND_N, rel=2e-3)
     assert result.margin == pytest.approx(REBOUND_N - 70.0, abs=0.2)
     assert result.margin_percent == pytest.approx(100.0 * (REBOUND_N - 70.0) / 70.0, abs=0.3)
@@ -44,8 +44,8 @@ def test_a_value_within_its_band_passes_with_the_margin_to_the_nearer_limit(made
 
 def test_a_value_outside_fails_with_a_negative_margin(made_run: Make, bands: Make) -> None:
     compared = compare([made_run("a")], bands('[[energy]]\nhigh_J = 7\n[[damping]]\nlow_N_s_m = 900\n'))
-    energy, damping = judged(compared).results
-    assert not judged(compared).passed
+    energy, damping = acceptance(compared).results
+    assert not acceptance(compared).passed
     assert [str(energy.state), str(damping.state)] == ["fail", "pass"]
     assert energy.margin == pytest.approx(7.0 - ENERGY_J, abs=0.02)
     assert damping.value == pytest.approx(1000.0, rel=2e-3)
@@ -53,7 +53,7 @@ def test_a_value_outside_fails_with_a_negative_margin(made_run: Make, bands: Mak
 
 def test_forces_in_jounce_are_negative_and_a_positive_band_of_them_is_refused(made_run: Make, bands: Make) -> None:
     compared = compare([made_run("a")], bands('[[jounce_force]]\nlow = "-180 N"\nhigh = "-170 N"\n'))
-    assert judged(compared).results[0].value == pytest.approx(-1000.0 * PEAK_M_S - 50.0, rel=2e-3)
+    assert acceptance(compared).results[0].value == pytest.approx(-1000.0 * PEAK_M_S - 50.0, rel=2e-3)
     assert states(compared) == ["pass"]
     with pytest.raises(FileProblem, match=r'low = "170 N": forces in compression are negative'):
         load_bands(bands('[[jounce_force]]\nlow = "170 N"\nhigh = "180 N"\n'))
@@ -67,8 +67,8 @@ def test_a_band_whose_test_was_not_run_or_is_not_valid_is_missing_and_not_passed
     text = '[[rebound_force]]\nfrequency = "{} Hz"\nlow = "0 N"\n'
     for frequency in ("2", "3"):
         compared = compare([folder], bands(text.format(frequency)))
-        (result,) = judged(compared).results
-        assert (str(result.state), judged(compared).passed) == ("missing", False)
+        (result,) = acceptance(compared).results
+        assert (str(result.state), acceptance(compared).passed) == ("missing", False)
         assert result.why == "the run contains no valid point for this test"
 
 
@@ -83,7 +83,7 @@ def test_bands_choose_loops_by_every_key_that_is_given(made_run: Make, made_poin
         ("", ["p001", "p002", "p003"]),
     ):
         compared = compare([folder], bands(f'[[rebound_force]]\n{choice}\nlow = "0 N"\n'))
-        assert sorted(name for result in judged(compared).results for name in result.points) == points
+        assert sorted(name for result in acceptance(compared).results for name in result.points) == points
 
 
 def test_dynamic_range_is_the_force_over_that_at_0_A_without_the_gas_force(
@@ -92,7 +92,7 @@ def test_dynamic_range_is_the_force_over_that_at_0_A_without_the_gas_force(
     folder = made_run("a", 2500.0)
     made_point(folder, "p000", 1000.0, current_A=0.0)
     compared = compare([folder], bands("[[dynamic_range]]\nlow = 2.4\nhigh = 2.6\n"))
-    (result,) = judged(compared).results
+    (result,) = acceptance(compared).results
     assert (result.points, str(result.state)) == (("p001",), "pass")
     assert result.value == pytest.approx(2.5, rel=3e-3)
 
@@ -102,13 +102,13 @@ def test_a_guarded_decision_asks_for_more_margin_than_the_expanded_uncertainty(m
     for low, state in ((70, "pass"), (74, "unsure"), (76, "fail")):
         compared = compare([stated], bands(REBOUND.format(low=low, high=900), "guarded"))
         assert states(compared) == [state]
-    assert judged(compared).results[0].expanded == pytest.approx(2 * 0.02 * REBOUND_N, rel=0.02)
+    assert acceptance(compared).results[0].expanded == pytest.approx(2 * 0.02 * REBOUND_N, rel=0.02)
     unstated = compare([made_run("b")], bands(REBOUND.format(low=10, high=900), "guarded"))
     assert states(unstated) == ["unsure"]
-    assert "calibration" in judged(unstated).results[0].why
+    assert "calibration" in acceptance(unstated).results[0].why
 
 
-def test_parameters_are_held_against_bands_where_the_fit_can_tell_them(
+def test_parameters_are_held_against_bands_where_the_fit_can_determine_them(
     made_run: Make, made_fit: Make, bands: Make
 ) -> None:
     folder, band = made_run("a"), '[[parameter]]\nname = "Fy"\nunit = "N"\nlow = 495\nhigh = 520\n'
@@ -124,10 +124,10 @@ def test_parameters_are_held_against_bands_where_the_fit_can_tell_them(
         compare([folder], bands(band.replace('"N"', '"kN"')))
 
 
-def test_a_change_is_judged_of_every_later_run_against_the_first(made_run: Make, bands: Make) -> None:
+def test_a_change_is_evaluated_of_every_later_run_against_the_first(made_run: Make, bands: Make) -> None:
     before, after = made_run("before"), made_run("after", 1120.0)
     text = '[[energy]]\nmost_change = "{} %"\n'
-    (result,) = judged(compare([before, after], bands(text.format(15)))).results
+    (result,) = acceptance(compare([before, after], bands(text.format(15)))).results
     assert (result.change, result.unit, result.run, str(result.state)) == (True, "%", "after", "pass")
     assert result.value == pytest.approx(12.0, abs=0.05)
     assert states(compare([before, after], bands(text.format(10)))) == ["fail"]
@@ -138,18 +138,18 @@ def test_a_change_is_judged_of_every_later_run_against_the_first(made_run: Make,
 def test_a_band_is_not_passed_by_what_was_left_of_a_run(made_run: Make, made_point: Make, bands: Make) -> None:
     """A motion without a valid point, and points that were planned and not recorded, are missing."""
     folder, band = made_run("a"), '[[rebound_force]]\nlow = "0 N"\n'
-    assert judged(compare([folder], bands(band))).passed
+    assert acceptance(compare([folder], bands(band))).passed
     invalid = made_point(folder, "p002", 1000.0, frequency_Hz=2.0, verdict="invalid")
     compared = compare([folder], bands(band))
     assert states(compared) == ["pass", "missing"]
-    assert judged(compared).results[1].why == "no point with this motion is valid"
+    assert acceptance(compared).results[1].why == "no point with this motion is valid"
     assert compared.remarks == ("a: 1 item(s) not evaluated; first: p002 left out: invalid (estop: stopped)",)
     assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
     invalid.unlink()
     (folder / "campaign.json").write_text(json.dumps({"id": "a", "points": ["p001", "p002", "p003"]}))
     compared = compare([folder], bands(band))
     assert states(compared) == ["pass", "missing"]
-    assert judged(compared).results[1].why.startswith("2 planned point(s) were not recorded")
+    assert acceptance(compared).results[1].why.startswith("2 planned point(s) were not recorded")
     assert compared.remarks == ("a: 2 planned point(s) were not recorded",)
     assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
 
@@ -167,8 +167,8 @@ def test_a_change_is_not_passed_by_motions_that_only_the_first_run_has(
     made_point(before, "p002", 1000.0, frequency_Hz=2.0)
     band = '[[energy]]\nmost_change = "15 %"\n'
     compared = compare([before, after], bands(band))
-    told = {result.where: (str(result.state), result.why) for result in judged(compared).results}
-    assert told == {
+    results = {result.where: (str(result.state), result.why) for result in acceptance(compared).results}
+    assert results == {
         "sine, 20 mm, 1 Hz, 0.5 A": ("pass", ""),
         "sine, 20 mm, 2 Hz, 0.5 A": ("missing", "after does not contain this test"),
     }
@@ -181,25 +181,25 @@ def test_a_run_and_itself_or_its_copy_have_no_change_that_could_pass(made_run: M
         (folder / "campaign.json").write_text(json.dumps({"id": "20260102T030405Z-S-ab12cd"}))
     for later in (first, copy):
         compared = compare([first, later], bands('[[energy]]\nmost_change = "15 %"\n'))
-        (result,) = judged(compared).results
+        (result,) = acceptance(compared).results
         assert str(result.state) == "missing"
         assert result.why == "this is the first run: identical data cannot show a change"
         assert any("specified more than once" in remark for remark in compared.remarks)
 
 
-def test_every_wrong_entry_of_a_bands_file_is_told_at_once_with_its_line(bands: Make) -> None:
-    with pytest.raises(FileProblem) as told:
+def test_every_wrong_entry_of_a_bands_file_is_reported_at_once_with_its_line(bands: Make) -> None:
+    with pytest.raises(FileProblem) as caught:
         load_bands(bands(
             '[[energy]]\nhigh = "5 N"\n[[rebound_force]]\nlow = "9 N"\nhigh = "3 N"\n[[damping]]\n'
             '[[parameter]]\nname = "Fy"\nlow = 1\n[[rebound]]\nlow = "1 N"\n', "strict",
         ))
-    problems = "\n".join(told.value.problems)
+    problems = "\n".join(caught.value.problems)
     for piece in (
         "line 3: decision", 'energy[1].high = "5 N": 5 N is a force', "rebound_force[1].low", "must be below high",
         "damping[1]: a band requires low, high or most_change", "parameter[1].unit", "did you mean rebound_force?",
     ):
         assert piece in problems
-    assert told.value.slug == "config-absurd"
+    assert caught.value.slug == "config-absurd"
 
 
 def test_the_command_answers_with_its_exit_code_and_one_object(
@@ -213,8 +213,8 @@ def test_the_command_answers_with_its_exit_code_and_one_object(
         assert answer["bands"]["passed"] is (code == EXIT_DONE)
         assert answer["bands"]["results"][0]["margin"] == pytest.approx(REBOUND_N - low, abs=0.2)
         assert main(["compare", folder, "--bands", path]) == code
-        said = capsys.readouterr().out
-        assert said.startswith("PASS" if code == EXIT_DONE else "FAIL")
+        message = capsys.readouterr().out
+        assert message.startswith("PASS" if code == EXIT_DONE else "FAIL")
     assert EXIT_NOT_ACCEPTED == 8
     assert main(["compare", folder]) == EXIT_USAGE
     assert "--bands" in capsys.readouterr().err

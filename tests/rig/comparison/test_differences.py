@@ -65,7 +65,7 @@ def test_parameters_of_different_models_are_not_compared(made_run: Make, made_fi
     assert "different models" in compare([first, second]).remarks[0]
 
 
-def test_signals_are_told_as_not_compared(made_run: Make, made_point: Make) -> None:
+def test_signals_are_reported_as_not_compared(made_run: Make, made_point: Make) -> None:
     first, second = made_run("a"), made_run("b")
     made_point(second, "p002", 1000.0, kind="signal")
     (remark,) = compare([first, second]).remarks
@@ -76,9 +76,9 @@ def test_signals_are_told_as_not_compared(made_run: Make, made_point: Make) -> N
 def test_text_says_what_differs_within_eighty_columns(made_run: Make, capsys: pytest.CaptureFixture[str]) -> None:
     before, after = made_run("before"), made_run("after", 900.0)
     assert main(["compare", str(before), str(after)]) == 0
-    said = capsys.readouterr().out
-    assert "first: before, specimen S-before" in said
-    assert any(line.split()[:4] == ["damping", "1", "1", "-10"] for line in said.splitlines())
+    message = capsys.readouterr().out
+    assert "first: before, specimen S-before" in message
+    assert any(line.split()[:4] == ["damping", "1", "1", "-10"] for line in message.splitlines())
     from rig.cli.comparison_tables import comparison_lines
 
     narrow = [text for text, _ in comparison_lines(compare([before, after]), 80, everything=True)]
@@ -192,16 +192,16 @@ def test_the_page_is_put_on_paper_too(
     band = str(bands('[[damping]]\nlow = "950 N s/m"\n'))
     page = tmp_path / "comparison.html"
     assert main(["compare", *runs, "--bands", band, "--out", str(page), "--pdf", "--json"]) == 8
-    told = json.loads(capsys.readouterr().out)
-    assert (told["report"], told["pdf"]) == (str(page), str(page.with_suffix(".pdf")))
-    sheets = pypdf.PdfReader(told["pdf"]).pages
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["report"], reported["pdf"]) == (str(page), str(page.with_suffix(".pdf")))
+    sheets = pypdf.PdfReader(reported["pdf"]).pages
     text = "\n".join(sheet.extract_text() for sheet in sheets)
     assert all(words in text for words in ("FAIL", "drawing 4711", "sine, 20 mm, 1 Hz, 0.5 A", "page 1 of"))
     assert main(["compare", *runs, "--pdf"]) == 2
     assert "--out FILE.html" in capsys.readouterr().err
     assert main(["compare", *runs, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["report"], told["pdf"]) == (None, None)
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["report"], reported["pdf"]) == (None, None)
 
 
 def test_motions_of_one_run_alone_are_named(made_run: Make, made_point: Make) -> None:
@@ -209,9 +209,9 @@ def test_motions_of_one_run_alone_are_named(made_run: Make, made_point: Make) ->
     first, second = made_run("a"), made_run("b")
     made_point(first, "p002", 1000.0, current_A=1.0)
     made_point(second, "p002", 1000.0, current_A=1.5)
-    told = [remark for remark in compare([first, second]).remarks if "therefore not compared" in remark]
-    assert [remark.partition(":")[0] for remark in told] == ["b", "b"]
-    assert "1 motion(s) not in the first run" in told[0]
-    assert "1.5 A" in told[0]
-    assert "1 motion(s) only in the first run" in told[1]
+    reported = [remark for remark in compare([first, second]).remarks if "therefore not compared" in remark]
+    assert [remark.partition(":")[0] for remark in reported] == ["b", "b"]
+    assert "1 motion(s) not in the first run" in reported[0]
+    assert "1.5 A" in reported[0]
+    assert "1 motion(s) only in the first run" in reported[1]
     assert compare([first, first]).remarks[0].startswith("the same run is specified more than once")

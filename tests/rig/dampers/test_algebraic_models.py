@@ -178,7 +178,7 @@ def test_a_parameter_the_model_does_not_have_is_named_with_those_it_has() -> Non
         model("bingham").parameter("beta")
 
 
-def test_values_by_name_come_in_the_kernels_order_and_a_wrong_set_of_names_is_told() -> None:
+def test_values_by_name_come_in_the_kernels_order_and_a_wrong_set_of_names_is_reported() -> None:
     bingham = model("bingham")
     values = {"f0": 5.0, "c0_b": 4.0, "c0": 3.0, "fc_b": 2.0, "fc": 1.0}
     assert bingham.vector(values).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]

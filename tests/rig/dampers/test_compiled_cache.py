@@ -156,6 +156,6 @@ print(hashlib.sha256(sums.tobytes()).hexdigest())
 
 def test_what_is_compiled_and_what_comes_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
-    told = [subprocess.check_output([sys.executable, "-c", SUMS], env=environment) for _ in range(2)]
-    assert told[0] == told[1]
+    reported = [subprocess.check_output([sys.executable, "-c", SUMS], env=environment) for _ in range(2)]
+    assert reported[0] == reported[1]
     assert list(tmp_path.rglob("*.nbc")), "the second one had nothing to take"

@@ -98,7 +98,7 @@ def test_a_law_is_part_of_a_models_name_and_of_its_equation() -> None:
 
 
 @pytest.mark.parametrize("law", ["saturated", "per-current", "per-current@0,1", "per-current@0,2,1", "per-current@a,b"])
-def test_an_unknown_law_is_refused_and_what_is_known_is_said(law: str) -> None:
+def test_an_unknown_law_is_refused_and_what_is_known_is_reported(law: str) -> None:
     with pytest.raises(UnknownLaw, match="per-current@"):
         model(f"asymmetric+{law}")
     with pytest.raises(UnknownName, match="asymetric"):

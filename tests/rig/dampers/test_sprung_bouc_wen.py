@@ -149,21 +149,23 @@ def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> Non
     v = 0.018 * 5.7 * np.cos(5.7 * t) + 0.006 * 14.5 * np.cos(14.5 * t + 1.0)
     a = -0.018 * 5.7**2 * np.sin(5.7 * t) - 0.006 * 14.5**2 * np.sin(14.5 * t + 1.0)
     current = 1.0 + 0.8 * np.sin(4.4 * t)
-    wanted = DAMPER.force(DEMO, u, v, a, current, 1e-3)
+    expected = DAMPER.force(DEMO, u, v, a, current, 1e-3)
     grid = np.linspace(0.0, 2.0, 33)
     row, start = DAMPER.vector(DEMO)[None, :], DAMPER.initial_state()[None, :]
-    answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, wanted, rates_N_s(wanted, 1e-3), 1e-3)
-    told = (t > 0.05) & (answer[:, 3] > 0.0) & (np.abs(answer[:, 2]) > 100.0)  # attainable, and 10 N say 0.1 A
-    assert np.mean(told) > 0.8
-    assert np.sqrt(np.mean((answer[told, 0] - current[told]) ** 2)) < 0.03 * 2.0
-    assert np.allclose(answer[told, 1], wanted[told], atol=0.2)  # of 1,500 N: at the state to which this current leads
-    noisy = wanted + np.random.default_rng(3).normal(0.0, 5.0, t.size)
+    answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, expected, rates_N_s(expected, 1e-3), 1e-3)
+    reported = (t > 0.05) & (answer[:, 3] > 0.0) & (np.abs(answer[:, 2]) > 100.0)  # attainable, and 10 N say 0.1 A
+    assert np.mean(reported) > 0.8
+    assert np.sqrt(np.mean((answer[reported, 0] - current[reported]) ** 2)) < 0.03 * 2.0
+    assert np.allclose(
+        answer[reported, 1], expected[reported], atol=0.2
+    )  # of 1,500 N: at the state to which this current leads
+    noisy = expected + np.random.default_rng(3).normal(0.0, 5.0, t.size)
     answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, noisy, rates_N_s(noisy, 1e-3), 1e-3)
     half_N = 1.96 * 5.0 * amplified(answer[:, 6], answer[:, 7], 1e-3, causal=False)
     inside = np.abs(answer[:, 2] * (answer[:, 0] - current)) <= half_N
-    told &= (answer[:, 3] > 0.0) & (half_N < 0.2 * np.abs(answer[:, 2]))
-    assert np.mean(told) > 0.8
-    assert 0.93 <= np.mean(inside[told]) <= 0.98
+    reported &= (answer[:, 3] > 0.0) & (half_N < 0.2 * np.abs(answer[:, 2]))
+    assert np.mean(reported) > 0.8
+    assert 0.93 <= np.mean(inside[reported]) <= 0.98
 
 
 def test_the_force_at_250_samples_a_second_is_that_of_thirty_times_as_many() -> None:

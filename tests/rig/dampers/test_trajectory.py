@@ -16,10 +16,10 @@ GRID = np.linspace(0.0, 2.0, 5)
 STILL = np.zeros((1, 1))
 
 
-def answer(speeds: list[float], wanted: list[float]) -> np.ndarray:
+def answer(speeds: list[float], targets: list[float]) -> np.ndarray:
     v = np.array(speeds)
     none = np.zeros_like(v)
-    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(wanted), none, 0.0))
+    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(targets), none, 0.0))
 
 
 def test_the_force_along_a_motion_is_the_models() -> None:

@@ -73,21 +73,21 @@ def test_every_page_is_A4_and_has_its_number(pdf: bytes) -> None:
 
 def test_nothing_of_a_wide_and_long_table_is_cut_off_or_lost(pdf: bytes) -> None:
     reader = read(pdf)
-    told = "\n".join(sheet.extract_text() for sheet in reader.pages)
-    assert all(f"p{row:03d}" in told for row in range(120))
-    assert told.count("of many") > 14, "heads are repeated on every page"
+    reported = "\n".join(sheet.extract_text() for sheet in reader.pages)
+    assert all(f"p{row:03d}" in reported for row in range(120))
+    assert reported.count("of many") > 14, "heads are repeated on every page"
     for words, x, y in letters(reader):
         assert 0.0 < x < A4_WIDTH - 10.0, words
         assert 0.0 < y < A4_HEIGHT, words
-    assert "warning nine" in told, "what is folded on screen is printed"
-    assert "<script>" in told
+    assert "warning nine" in reported, "what is folded on screen is printed"
+    assert "<script>" in reported
 
 
 def test_charts_are_vectors_and_letters_are_letters(pdf: bytes) -> None:
     reader = read(pdf)
     assert [image for sheet in reader.pages for image in sheet.images] == []
-    told = "".join(sheet.extract_text() for sheet in reader.pages)
-    assert told.count("Velocity (m/s)") == 12
+    reported = "".join(sheet.extract_text() for sheet in reader.pages)
+    assert reported.count("Velocity (m/s)") == 12
     drawn = b"".join(sheet.get_contents().get_data() for sheet in reader.pages)  # type: ignore[union-attr]
     assert drawn.count(b" l") >= 12 * 49, "twelve curves of fifty points"
 
@@ -104,7 +104,7 @@ def flat(outline: list[Any]) -> list[Any]:
     return [one for part in outline for one in (flat(part) if isinstance(part, list) else [part])]
 
 
-def test_letters_that_a_font_lacks_are_replaced_and_the_title_is_in_the_properties(pdf: bytes) -> None:
+def test_letters_that_a_font_does_not_have_are_replaced_and_the_title_is_in_the_properties(pdf: bytes) -> None:
     reader = read(pdf)
     text = "".join(sheet.extract_text() for sheet in reader.pages)
     assert reader.metadata.title == "Damper test report <x>"  # type: ignore[union-attr]

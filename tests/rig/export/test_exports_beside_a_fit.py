@@ -86,8 +86,8 @@ class Compiled:
     def run(self, *columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces (N) and what lies beyond, of rows of u, v, a, current and temperature."""
         lines = "\n".join(" ".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True))
-        told = subprocess.run([self.program], input=lines, capture_output=True, text=True, check=True, timeout=60)
-        force, beyond = np.array(told.stdout.split(), dtype=float).reshape(-1, 2).T
+        reported = subprocess.run([self.program], input=lines, capture_output=True, text=True, check=True, timeout=60)
+        force, beyond = np.array(reported.stdout.split(), dtype=float).reshape(-1, 2).T
         return force, beyond.astype(int)
 
 
@@ -101,10 +101,10 @@ def module_of(fit: Path, folder: Path) -> ModuleType:
     return module
 
 
-def close(found: np.ndarray, wanted: np.ndarray) -> None:
+def close(found: np.ndarray, expected: np.ndarray) -> None:
     """To 1e-6 of the peak, twice that where `simulate` integrates what the code follows exactly along its curve."""
-    assert np.ptp(wanted) > 100.0
-    assert np.max(np.abs(found - wanted)) < 2e-6 * np.max(np.abs(wanted))
+    assert np.ptp(expected) > 100.0
+    assert np.max(np.abs(found - expected)) < 2e-6 * np.max(np.abs(expected))
 
 
 @pytest.mark.few(3)
@@ -121,9 +121,9 @@ def test_exported_code_gives_the_force_of_simulate_and_of_the_inverse(name: str,
     found = answer["current_A"].to_numpy()
     assert np.ptp(found) > 0.3
     again = fit.simulate(T_S, u, found, velocity_m_s=v)
-    for given, wanted in ((current, simulated), (found, again["force_N"].to_numpy())):
-        close(compiled.run(u, v, a, given, warm)[0], wanted)
-        close(np.array(module.force(u.tolist(), v.tolist(), a.tolist(), given.tolist(), DT_S)), wanted)
+    for given, expected in ((current, simulated), (found, again["force_N"].to_numpy())):
+        close(compiled.run(u, v, a, given, warm)[0], expected)
+        close(np.array(module.force(u.tolist(), v.tolist(), a.tolist(), given.tolist(), DT_S)), expected)
     states = [column for column in answer if column.startswith("state_")]
     for column in states:
         assert np.allclose(answer[column], again[column], rtol=1e-9, atol=1e-12)
@@ -145,10 +145,10 @@ def test_exported_code_says_of_every_sample_what_predict_says(
     u, v, current = random.uniform(-0.04, 0.04, 300), random.uniform(-0.5, 0.5, 300), random.uniform(-0.3, 2.4, 300)
     current[:60] = random.choice([0.0, 1.04, 2.0, 2.039, 2.05], 60)
     temperature = random.choice([10.0, 19.0, 30.0, 41.9, 50.0], 300)
-    told = fit.predict(
+    reported = fit.predict(
         {"displacement_m": u, "velocity_m_s": v, "current_A": current, "temperature_degC": temperature}
     )
-    words = told["beyond"].tolist()
+    words = reported["beyond"].tolist()
     assert {*" ".join(words).split()} == set(BITS)
     assert warmth is None or words.count("") > 20
     module = module_of(file, tmp_path / "python")
@@ -195,8 +195,8 @@ equation
   d.current = 1.0 + 2.0*sin(3.0*time);
 end Shaken;
 """)
-    told = rumoca.Session().load(str(tmp_path / "Shaken.mo"), model="Shaken").simulate(t=(0, 0.6), dt=0.001)
-    data = {key: np.asarray(values) for key, values in told.to_dict()["data"].items()}
+    reported = rumoca.Session().load(str(tmp_path / "Shaken.mo"), model="Shaken").simulate(t=(0, 0.6), dt=0.001)
+    data = {key: np.asarray(values) for key, values in reported.to_dict()["data"].items()}
     table = {"displacement_m": data["d.u"], "velocity_m_s": data["d.v"], "current_A": data["d.current"]}
     words = fit.predict(table)["beyond"]
     assert data["d.beyond"].tolist() == [sum(BITS[name] for name in text.split()) for text in words]
@@ -218,5 +218,5 @@ def test_the_functional_mock_up_unit_says_at_every_step_what_lies_beyond(tmp_pat
     words = fit.simulate(T_S, u, current, velocity_m_s=v)["beyond"]
     bits = [sum(BITS[name] for name in text.split()) for text in words]
     assert len(set(bits)) >= 4
-    told = result["beyond"][1 : u.size + 1]
-    assert np.mean(told == np.array(bits)) > 0.99
+    reported = result["beyond"][1 : u.size + 1]
+    assert np.mean(reported == np.array(bits)) > 0.99

@@ -41,8 +41,8 @@ def values_of(model: DamperModel) -> dict[str, float]:
 
 
 def fit_of(model: DamperModel, folder: Path) -> Path:
-    told = {"low": None, "high": None, "standard_error": None, "identifiable": True, "unit": ""}
-    parameters = {name: told | {"value": value} for name, value in values_of(model).items()}
+    reported = {"low": None, "high": None, "standard_error": None, "identifiable": True, "unit": ""}
+    parameters = {name: reported | {"value": value} for name, value in values_of(model).items()}
     tested = {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]}
     fit = {"model": model.name, "hysteresis": model.hysteresis, "parameters": parameters, "tested": tested}
     folder.mkdir(parents=True, exist_ok=True)
@@ -70,11 +70,11 @@ def integrated(model: DamperModel, folder: Path) -> float:
     (folder / "Shaken.mo").write_text(SHAKEN.format(name=file.stem))
     config = rumoca.SimConfig(rtol=1e-10, atol=1e-13)
     shaken = rumoca.Session().load(str(folder / "Shaken.mo"), model="Shaken")
-    told = shaken.simulate(t=(0, 0.6), dt=0.001, config=config).to_dict()["data"]
-    force, own = np.asarray(told["d.force"]), finely(model)
+    reported = shaken.simulate(t=(0, 0.6), dt=0.001, config=config).to_dict()["data"]
+    force, own = np.asarray(reported["d.force"]), finely(model)
     assert force.size == own.size == 601
     assert np.ptp(own) > 100.0
-    assert np.ptp(told["d.s0"]) > 1e-4, "the state moves"
+    assert np.ptp(reported["d.s0"]) > 1e-4, "the state moves"
     return float(np.max(np.abs(force - own)) / np.max(np.abs(own)))
 
 
@@ -87,14 +87,14 @@ def proved(model: DamperModel, folder: Path, shaken: str = SHAKEN, name: str = "
     (file,) = export(fit_of(model, folder), "modelica", folder)
     (folder / "Shaken.mo").write_text(shaken.format(name=file.stem))
     simulated = rumoca.Session().load(str(folder / "Shaken.mo"), model="Shaken").simulate(t=(0, 0.6), dt=0.001)
-    told = {key.removeprefix(f"{name}."): np.asarray(data) for key, data in simulated.to_dict()["data"].items()}
-    motion = [told[key] for key in ("u", "v", "a", "current")]
+    reported = {key.removeprefix(f"{name}."): np.asarray(data) for key, data in simulated.to_dict()["data"].items()}
+    motion = [reported[key] for key in ("u", "v", "a", "current")]
     assert np.ptp(motion[0]) > 0.02
     assert np.ptp(motion[1]) > 0.15
     force = np.asarray(model.force(values_of(model), *motion, 0.001))
     assert force.size == 601
     assert np.ptp(force) > 100.0
-    return float(np.max(np.abs(told["force"] - force)) / np.max(np.abs(force)))
+    return float(np.max(np.abs(reported["force"] - force)) / np.max(np.abs(force)))
 
 
 def test_rumoca_simulates_every_model_without_states_with_its_force(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_what_no_tool_proved_is_not_offered(
 ) -> None:
     fit = fit_of(damper_model(text), tmp_path)
     assert main(["export", str(fit), "--to", "modelica", "--out", str(tmp_path / "out")]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert f"{text} has {why}: its Modelica code could not be verified" in said
-    assert "--to fmi" in said
+    message = " ".join(capsys.readouterr().err.split())
+    assert f"{text} has {why}: its Modelica code could not be verified" in message
+    assert "--to fmi" in message
     assert not list((tmp_path / "out").glob("*.mo"))

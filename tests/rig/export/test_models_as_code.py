@@ -78,11 +78,11 @@ def tool(name: str, what: str) -> str:
     return str(found)
 
 
-def as_close_as_asked(model: DamperModel, found: np.ndarray, wanted: np.ndarray) -> None:
-    bound = (1e-9 if model.states == 0 else 1e-6) * np.max(np.abs(wanted))
-    assert found.shape == wanted.shape
-    assert np.max(np.abs(found - wanted)) < bound
-    assert np.ptp(wanted) > 100.0  # the motion makes a force worth comparing
+def as_close_as_required(model: DamperModel, found: np.ndarray, expected: np.ndarray) -> None:
+    bound = (1e-9 if model.states == 0 else 1e-6) * np.max(np.abs(expected))
+    assert found.shape == expected.shape
+    assert np.max(np.abs(found - expected)) < bound
+    assert np.ptp(expected) > 100.0  # the motion makes a force worth comparing
 
 
 MAIN = """#include <stdio.h>
@@ -114,8 +114,10 @@ def test_gcc_compiles_the_model_without_a_warning_and_its_force_is_the_models(
         [compiler, *strict, "main.c", files[1].name, "-lm", "-o", "main"], cwd=tmp_path / "c", check=True, timeout=60
     )
     lines = "\n".join(" ".join(repr(float(x)) for x in row) for row in zip(*motion(), strict=True))
-    told = subprocess.run([tmp_path / "c/main"], input=lines, capture_output=True, text=True, check=True, timeout=60)
-    as_close_as_asked(model, np.array(told.stdout.split(), dtype=float), expected(model))
+    reported = subprocess.run(
+        [tmp_path / "c/main"], input=lines, capture_output=True, text=True, check=True, timeout=60
+    )
+    as_close_as_required(model, np.array(reported.stdout.split(), dtype=float), expected(model))
 
 
 def test_octave_runs_every_model_and_its_force_is_the_models(tmp_path: Path) -> None:
@@ -137,7 +139,7 @@ def test_octave_runs_every_model_and_its_force_is_the_models(tmp_path: Path) -> 
     assert ran.returncode == 0, ran.stderr
     for name, model in zip(NAMED, CATALOGUE, strict=True):
         whole, pieces = np.loadtxt(tmp_path / f"{name}.txt").T
-        as_close_as_asked(model, whole, expected(model))
+        as_close_as_required(model, whole, expected(model))
         assert np.array_equal(whole, pieces)
 
 
@@ -155,18 +157,18 @@ def test_the_python_module_needs_nothing_else_and_its_force_is_the_models(tmp_pa
         "    sys.path.pop(0)\n"
         "json.dump(told, open('told.json', 'w'))\n"
     )
-    wanted = []
+    required = []
     for name, model in zip(NAMED, CATALOGUE, strict=True):
         export(written(model, tmp_path / name), "python", tmp_path / name)
-        wanted.append((name, f"damper_{model.name}"))
+        required.append((name, f"damper_{model.name}"))
     subprocess.run(
         [sys.executable, "-I", "-S", "-W", "error", "-c", "import sys; sys.path.insert(0, '.')\n" + program,
-         json.dumps(wanted)], cwd=tmp_path, check=True, timeout=120,
+         json.dumps(required)], cwd=tmp_path, check=True, timeout=120,
     )  # fmt: skip
-    told = json.loads((tmp_path / "told.json").read_text())
+    reported = json.loads((tmp_path / "told.json").read_text())
     for name, model in zip(NAMED, CATALOGUE, strict=True):
-        force, parameters, digest = told[name]
-        as_close_as_asked(model, np.array(force), expected(model))
+        force, parameters, digest = reported[name]
+        as_close_as_required(model, np.array(force), expected(model))
         assert parameters == values_of(model)
         assert digest == hashlib.sha256((tmp_path / name / "fit.json").read_bytes()).hexdigest()
 
@@ -178,7 +180,7 @@ def test_models_behind_a_current_law_are_what_they_are_in_c_octave_and_python(tm
     gcc, octave = tool("gcc", "C compiler"), tool("octave-cli", "Octave")
     rows = "\n".join(" ".join(repr(float(x)) for x in row) for row in zip(*motion(), strict=True))
     (tmp_path / "motion.txt").write_text(rows)
-    script, wanted = ["x = load('motion.txt');"], {}
+    script, expected = ["x = load('motion.txt');"], {}
     for text, law in BEHIND_A_LAW.items():
         lawed = damper_model(text)
         values = {**damper_model(text.partition("+")[0]).demonstration, **law}
@@ -187,7 +189,7 @@ def test_models_behind_a_current_law_are_what_they_are_in_c_octave_and_python(tm
             {"model": text, "hysteresis": lawed.hysteresis, "parameters": parameters,
              "tested": {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]}}))
         stem = export(tmp_path / "fit.json", "octave", tmp_path)[0].stem
-        wanted[stem] = lawed, np.asarray(lawed.force(values, *motion(), DT_S))
+        expected[stem] = lawed, np.asarray(lawed.force(values, *motion(), DT_S))
         script.append(f"F = {stem}(x(:,1), x(:,2), x(:,3), x(:,4), 1e-3);")
         script.append(f"save('-ascii', '-double', '{stem}.txt', 'F');")
         _, source = export(tmp_path / "fit.json", "c", tmp_path)
@@ -195,20 +197,22 @@ def test_models_behind_a_current_law_are_what_they_are_in_c_octave_and_python(tm
         (tmp_path / "main.c").write_text(MAIN.format(name=name, upper=name.upper()))
         build = [gcc, "-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "main.c", source.name, "-lm"]
         subprocess.run([*build, "-o", stem], cwd=tmp_path, check=True, timeout=60)
-        told = subprocess.run([tmp_path / stem], input=rows, capture_output=True, text=True, check=True, timeout=60)
-        as_close_as_asked(lawed, np.array(told.stdout.split(), dtype=float), wanted[stem][1])
+        reported = subprocess.run([tmp_path / stem], input=rows, capture_output=True, text=True, check=True, timeout=60)
+        as_close_as_required(lawed, np.array(reported.stdout.split(), dtype=float), expected[stem][1])
         (module,) = export(tmp_path / "fit.json", "python", tmp_path)
         spec = importlib.util.spec_from_file_location(stem, module)
         assert spec is not None
         assert spec.loader is not None
         loaded = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(loaded)
-        as_close_as_asked(lawed, np.array(loaded.force(*(part.tolist() for part in motion()), DT_S)), wanted[stem][1])
+        as_close_as_required(
+            lawed, np.array(loaded.force(*(part.tolist() for part in motion()), DT_S)), expected[stem][1]
+        )
     (tmp_path / "compare.m").write_text("\n".join(script))
     ran = subprocess.run([octave, "--norc", "compare.m"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert ran.returncode == 0, ran.stderr
-    for stem, (lawed, force) in wanted.items():
-        as_close_as_asked(lawed, np.loadtxt(tmp_path / f"{stem}.txt"), force)
+    for stem, (lawed, force) in expected.items():
+        as_close_as_required(lawed, np.loadtxt(tmp_path / f"{stem}.txt"), force)
 
 
 def test_the_files_say_equation_units_ranges_covariance_and_the_hash_of_the_fit(tmp_path: Path) -> None:
@@ -238,7 +242,7 @@ def test_the_table_is_the_force_at_each_speed_and_current(tmp_path: Path) -> Non
             assert force == pytest.approx(by_hand, rel=1e-9, abs=1e-9)
 
 
-def test_everything_that_a_fit_lacks_is_said_at_once(tmp_path: Path) -> None:
+def test_everything_that_a_fit_does_not_have_is_reported_at_once(tmp_path: Path) -> None:
     model = next(model for model in CATALOGUE if model.name == "asymmetric")
     fit = fit_of(model)
     fit["parameters"]["Ka"] |= {"value": None, "reason": "no stroke"}
@@ -317,7 +321,7 @@ def test_a_simulation_gives_the_force_of_the_inputs_at_the_beginning_of_each_ste
         str(unit_of(model, tmp_path)), stop_time=t[-1] + DT_S, step_size=DT_S, output_interval=DT_S, input=signals,
         output=["force"],
     )  # fmt: skip
-    as_close_as_asked(model, np.asarray(result["force"][1 : len(t) + 1]), expected(model))
+    as_close_as_required(model, np.asarray(result["force"][1 : len(t) + 1]), expected(model))
 
 
 def test_read_after_setting_the_inputs_the_force_is_theirs_and_a_state_can_be_taken_back(tmp_path: Path) -> None:
@@ -348,7 +352,7 @@ def test_read_after_setting_the_inputs_the_force_is_theirs_and_a_state_can_be_ta
         unit.doStep(k * DT_S, DT_S)
     unit.terminate()
     unit.freeInstance()
-    as_close_as_asked(ASYMMETRIC, np.array(forces), expected(ASYMMETRIC))
+    as_close_as_required(ASYMMETRIC, np.array(forces), expected(ASYMMETRIC))
 
 
 def test_the_sources_compile_without_a_warning(tmp_path: Path) -> None:

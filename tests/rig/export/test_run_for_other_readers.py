@@ -48,14 +48,14 @@ def test_every_format_says_whether_the_current_was_measured(
     for target in ("csv", "mat", "netcdf", "parquet", "mf4"):
         export(tmp_path, target, tmp_path)
     with xarray.open_dataset(tmp_path / "p001.nc", engine="scipy", decode_times=False) as data:
-        told = {data.attrs["current_source"]}
-    told |= {pd.read_csv(tmp_path / "points.csv")["current_source"][0]}
-    told |= {loadmat(tmp_path / "p001.mat", simplify_cells=True)["point"]["current_source"]}
-    told |= {pyarrow.parquet.read_table(tmp_path / "p001.parquet").schema.metadata[b"current_source"].decode()}
-    wanted = "as specified; not measured" if given else "measured"
-    assert told == {wanted}
+        reported = {data.attrs["current_source"]}
+    reported |= {pd.read_csv(tmp_path / "points.csv")["current_source"][0]}
+    reported |= {loadmat(tmp_path / "p001.mat", simplify_cells=True)["point"]["current_source"]}
+    reported |= {pyarrow.parquet.read_table(tmp_path / "p001.parquet").schema.metadata[b"current_source"].decode()}
+    expected = "as specified; not measured" if given else "measured"
+    assert reported == {expected}
     with MDF(tmp_path / "p001.mf4") as data:
-        assert f"current_source: {wanted}</TX>" in data.header.comment
+        assert f"current_source: {expected}</TX>" in data.header.comment
 
 
 def test_octave_reads_the_matlab_file_bit_for_bit(folder: Path) -> None:
@@ -74,9 +74,9 @@ def test_octave_reads_the_matlab_file_bit_for_bit(folder: Path) -> None:
     assert ran.returncode == 0, ran.stderr
     head, bits = ran.stdout.split("\n", 1)
     assert head == "p001 sine 0.01 [50 1]"
-    wanted = [struct.pack(">d", value).hex() for values in (T, X, FORCE) for value in values]
-    told = "".join(bits.split())
-    assert told == "".join(wanted)
+    expected = [struct.pack(">d", value).hex() for values in (T, X, FORCE) for value in values]
+    reported = "".join(bits.split())
+    assert reported == "".join(expected)
 
 
 def test_xarray_reads_the_netcdf_file_with_units_bit_for_bit(folder: Path) -> None:
@@ -86,9 +86,9 @@ def test_xarray_reads_the_netcdf_file_with_units_bit_for_bit(folder: Path) -> No
     with xarray.open_dataset(file, engine="scipy", decode_times=False) as data:
         assert data.attrs["id"] == "p001"
         assert float(data.attrs["skew_std_s"]) == 1.0 / 3.0  # all digits of it
-        for name, unit, wanted in (("time_s", "s", T), ("displacement_m", "m", X), ("force_N", "N", FORCE)):
+        for name, unit, expected in (("time_s", "s", T), ("displacement_m", "m", X), ("force_N", "N", FORCE)):
             assert data[name].attrs["units"] == unit
-            assert np.array_equal(data[name].values, wanted, equal_nan=True)
+            assert np.array_equal(data[name].values, expected, equal_nan=True)
         assert "coil_temperature_degC" not in data
 
 
@@ -101,9 +101,9 @@ def test_pyarrow_and_pandas_read_the_parquet_file_with_units_bit_for_bit(folder:
     assert file.name == "p001.parquet"
     assert table.schema.metadata[b"skew_std_s"] == b"0.3333333333333333"
     assert table.schema.metadata[b"waveform"] == b"sine"
-    for name, unit, wanted in (("time_s", b"s", T), ("displacement_m", b"m", X), ("force_N", b"N", FORCE)):
+    for name, unit, expected in (("time_s", b"s", T), ("displacement_m", b"m", X), ("force_N", b"N", FORCE)):
         assert table.schema.field(name).metadata[b"unit"] == unit
-        assert np.array_equal(pd.read_parquet(file)[name].to_numpy(), wanted, equal_nan=True)
+        assert np.array_equal(pd.read_parquet(file)[name].to_numpy(), expected, equal_nan=True)
 
 
 def test_asammdf_reads_the_mf4_file_with_units_and_time_bit_for_bit(folder: Path) -> None:
@@ -114,8 +114,12 @@ def test_asammdf_reads_the_mf4_file_with_units_and_time_bit_for_bit(folder: Path
     with MDF(file) as data:
         assert data.version == "4.10"
         assert "frequency_Hz: 1.114" in data.header.comment
-        for name, unit, wanted in (("displacement_m", "m", X), ("velocity_m_s", "m/s", None), ("force_N", "N", FORCE)):
+        for name, unit, expected in (
+            ("displacement_m", "m", X),
+            ("velocity_m_s", "m/s", None),
+            ("force_N", "N", FORCE),
+        ):
             signal = data.get(name)
             assert signal.unit == unit
             assert np.array_equal(signal.timestamps, T)
-            assert wanted is None or np.array_equal(signal.samples, wanted, equal_nan=True)
+            assert expected is None or np.array_equal(signal.samples, expected, equal_nan=True)

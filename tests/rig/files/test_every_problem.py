@@ -33,19 +33,19 @@ ambient = "1 A"
 """
 
 
-def told(path: Path, text: str) -> list[str]:
+def problems_of(path: Path, text: str) -> list[str]:
     path.write_text(text)
     with pytest.raises(FileProblem) as caught:
         load_matrix(path)
     return list(caught.value.problems)
 
 
-def test_every_wrong_entry_is_told_at_once_and_contradictions_once_they_are_right(tmp_path: Path) -> None:
-    lines = told(tmp_path / "matrix.toml", MATRIX)
+def test_every_wrong_entry_is_reported_at_once_and_contradictions_once_they_are_right(tmp_path: Path) -> None:
+    lines = problems_of(tmp_path / "matrix.toml", MATRIX)
     places = ("14: matrix.sweep.duration", "17: matrix.road.amplitude", "20: temperature.ambient")
     assert [line.partition(" = ")[0] for line in lines] == [f"line {place}" for place in places]
     right = MATRIX.replace("2 weeks", "10 s").replace("5 kg", "5 mm").replace("1 A", "23 degC")
-    lines = told(tmp_path / "matrix.toml", right)
+    lines = problems_of(tmp_path / "matrix.toml", right)
     assert [line.partition(": ")[0] for line in lines] == ["line 16", "line 18"]
     assert lines[0].startswith('line 16: matrix.road.road[2] = "no-such-road"')
 
@@ -53,7 +53,7 @@ def test_every_wrong_entry_is_told_at_once_and_contradictions_once_they_are_righ
 def test_a_misspelt_key_is_not_also_called_missing(tmp_path: Path) -> None:
     text = MATRIX[: MATRIX.index("[matrix.sweep]")].replace('"sweep", "road", "file"', '"sine"')
     text = text.replace('order = "random"', 'amplitude = ["5 mm"]\nfrequency = ["1 Hz"]\norder = "random"')
-    lines = told(tmp_path / "matrix.toml", text.replace("frequency =", "frequenzy_Hz ="))
+    lines = problems_of(tmp_path / "matrix.toml", text.replace("frequency =", "frequenzy_Hz ="))
     assert [line.partition(":")[2] for line in lines] == [
         ' matrix.frequenzy_Hz = ["1 Hz"]: unknown key; did you mean frequency_Hz?',
     ]

@@ -119,7 +119,7 @@ def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> N
         (LINE | {"units": {"kN": "x"}}, "units.kN", "must be a number"),
     ],
 )
-def test_one_thing_that_is_wrong_is_told_at_its_place(table: dict[str, Any], place: str, says: str) -> None:
+def test_one_thing_that_is_wrong_is_reported_at_its_place(table: dict[str, Any], place: str, says: str) -> None:
     problems = [(".".join(map(str, where)), text) for where, text in problems_of("sensor-format", table)]
     assert any(where == place and says in text for where, text in problems), problems
 

@@ -49,7 +49,7 @@ def test_every_preset_is_read_and_stands_in_the_documentation(name: str) -> None
     assert ("unverified" in row) == (described.tried == "unverified")
 
 
-def told(tmp_path: Path, text: str) -> list[str]:
+def messages_of(tmp_path: Path, text: str) -> list[str]:
     path = tmp_path / "my-supply.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(FileProblem) as refused:
@@ -57,8 +57,8 @@ def told(tmp_path: Path, text: str) -> list[str]:
     return refused.value.problems
 
 
-def test_every_wrong_entry_of_a_file_is_told_at_once_with_its_line(tmp_path: Path) -> None:
-    problems = told(tmp_path, """format = 1
+def test_every_wrong_entry_of_a_file_is_reported_at_once_with_its_line(tmp_path: Path) -> None:
+    problems = messages_of(tmp_path, """format = 1
 settling_ms = 0
 [link]
 terminator = ";"
@@ -96,8 +96,8 @@ time_s = 100
         assert any(text.startswith(f"line {line}: {says}") for text in problems), (line, problems)
 
 
-def test_everything_that_commands_contradict_is_told_at_once_with_its_line(tmp_path: Path) -> None:
-    problems = told(tmp_path, """[range]
+def test_everything_that_commands_contradict_is_reported_at_once_with_its_line(tmp_path: Path) -> None:
+    problems = messages_of(tmp_path, """[range]
 current_A = [0, 5]
 [commands]
 set_current = "CURR 1"
@@ -132,7 +132,7 @@ over-temperature = 4
     ],
 )
 def test_what_would_leave_the_coil_with_current_is_refused(tmp_path: Path, text: str, says: str) -> None:
-    problems = told(tmp_path, text)
+    problems = messages_of(tmp_path, text)
     assert any(says in problem for problem in problems), problems
 
 

@@ -48,7 +48,7 @@ def test_every_table_and_key_has_its_line() -> None:
         ("a = [" + "1," * (MOST_ENTRIES + 1) + "]", "the file has too many entries; allowed: at most 30000"),
     ],
 )
-def test_a_text_that_would_take_a_parser_long_is_told_before_it_is_parsed(text: str, says: str) -> None:
+def test_a_text_that_would_take_a_parser_long_is_reported_before_it_is_parsed(text: str, says: str) -> None:
     problem = structure_problem(text)
     assert problem is not None
     assert problem.startswith(says)

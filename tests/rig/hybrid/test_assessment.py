@@ -24,7 +24,7 @@ def test_a_test_that_ended_before_its_bump_is_compared_with_nothing() -> None:
     json.dumps(found.criteria, allow_nan=False)
 
 
-def test_of_a_target_that_stands_no_tracking_is_said() -> None:
+def test_of_a_target_that_stands_no_tracking_is_reported() -> None:
     moving_m = np.sin(12.0 * TIME_S)
     found = assess(Record(TIME_S, STILL_M, moving_m, STILL_M, STILL_M, np.column_stack([moving_m] * 3)))
     assert found is not None

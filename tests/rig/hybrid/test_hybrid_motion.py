@@ -64,16 +64,16 @@ def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: flo
 
 
 def run(
-    asked: HybridOrder, damping: float = DAMPING, delay_s: float = DELAY_S,
+    request: HybridOrder, damping: float = DAMPING, delay_s: float = DELAY_S,
     seen: Callable[[float, float], float] = lambda force_N, _: force_N,
 ) -> tuple[HybridMotion, list[Moment]]:
     """A test whose rod is where it was told to be `delay_s` ago, and whose specimen is linear, with a force at rest."""
-    motion, moments = HybridMotion(asked), []
+    motion, moments = HybridMotion(request), []
     # The newest place is that of the last instant.
     sent, late = (0.05, 0.0, 0.0), round(delay_s / FINE_S) - 1
     places = [0.05] * (late + 2)
-    every = round(asked.part.step_s / FINE_S)
-    for k in range(round(asked.duration_s / FINE_S) + 2 * every):
+    every = round(request.part.step_s / FINE_S)
+    for k in range(round(request.duration_s / FINE_S) + 2 * every):
         t_s = k * FINE_S
         extension_m, before_m = places[-1 - late], places[-2 - late]
         if k % every == 0:
@@ -112,10 +112,10 @@ def test_the_computed_part_answers_as_an_independent_solver_says() -> None:
 
 
 def test_an_order_survives_the_link_to_the_station() -> None:
-    asked = order(quarter_car(linear_damper(DAMPING)), "model")
-    assert HybridOrder.from_json(json.loads(json.dumps(asked.to_json()))) == asked
+    request = order(quarter_car(linear_damper(DAMPING)), "model")
+    assert HybridOrder.from_json(json.loads(json.dumps(request.to_json()))) == request
     with pytest.raises(TypeError, match="surplus"):
-        HybridOrder.from_json({**asked.to_json(), "part": {**asked.part.to_json(), "surplus": 1}})
+        HybridOrder.from_json({**request.to_json(), "part": {**request.part.to_json(), "surplus": 1}})
 
 
 @pytest.mark.parametrize("delay_s", [0.006, 0.012])
@@ -142,8 +142,8 @@ def test_every_compensator_but_none_follows_four_times_better_and_the_body_answe
         motion, moments = run(order(car, name))
         assert motion.problem is None
         rows = np.array(moments)
-        wanted = np.interp(rows[:, 0], np.arange(len(ride.place)) * step_s, ride.place[:, 0])
-        body[name] = float(np.std(rows[:, 3] - wanted) / np.std(wanted))
+        expected = np.interp(rows[:, 0], np.arange(len(ride.place)) * step_s, ride.place[:, 0])
+        body[name] = float(np.std(rows[:, 3] - expected) / np.std(expected))
         tracking[name] = motion.outcome.tracking
     assert tracking["none"] > 0.08
     assert max(tracking["model"], tracking["ats"]) < min(0.02, 0.25 * tracking["none"])
@@ -152,8 +152,8 @@ def test_every_compensator_but_none_follows_four_times_better_and_the_body_answe
 
 
 def test_polynomial_extrapolation_is_led_by_past_targets() -> None:
-    asked = order(quarter_car(linear_damper(100.0), 2.0), "polynomial", 0.005)
-    motion, _ = run(asked, damping=100.0, delay_s=0.005)
+    request = order(quarter_car(linear_damper(100.0), 2.0), "polynomial", 0.005)
+    motion, _ = run(request, damping=100.0, delay_s=0.005)
     plain, _ = run(order(quarter_car(linear_damper(100.0), 2.0), "none", 0.005), damping=100.0, delay_s=0.005)
     assert motion.outcome.tracking < 0.5 * plain.outcome.tracking
     assert set(COMPENSATORS) == {"model", "ats", "inverse", "polynomial", "none"}
@@ -166,8 +166,8 @@ def test_the_force_at_rest_is_carried_by_the_springs() -> None:
 
 
 def test_energy_brought_by_following_wrongly_ends_the_test() -> None:
-    asked = order(quarter_car(linear_damper(DAMPING)), "none", energy_share=0.01)
-    motion, _ = run(asked, delay_s=0.02)
+    request = order(quarter_car(linear_damper(DAMPING)), "none", energy_share=0.01)
+    motion, _ = run(request, delay_s=0.02)
     assert motion.problem is not None
     assert abs(motion.problem.value) > motion.problem.limit == 0.01
 
@@ -178,8 +178,8 @@ def test_an_unstable_loop_is_found_by_its_energy_before_it_reaches_a_limit_of_th
 ) -> None:
     """At and beyond the critical delay, without compensation; 44 mm are 1.5 times the forecast travel."""
     machine = {"speed_m_s": 0.8, "acceleration_m_s2": 60.0, "extension_m": 0.044}
-    asked = order(quarter_car(linear_damper(damping), 2.0), "none", energy_share=0.2, delay_s=0.1, **machine)
-    motion, moments = run(asked, damping=damping, delay_s=delay_s)
+    request = order(quarter_car(linear_damper(damping), 2.0), "none", energy_share=0.2, delay_s=0.1, **machine)
+    motion, moments = run(request, damping=damping, delay_s=delay_s)
     assert motion.problem is not None
     assert motion.problem.limit == 0.2, motion.problem.text
     assert max(abs(moment.target_m) for moment in moments) < 0.3 * 0.044
@@ -210,16 +210,16 @@ def test_a_specimen_that_pushes_where_it_should_hold_ends_the_test_at_its_bounds
 
 
 def test_a_test_without_fresh_forces_goes_on_for_two_steps_only() -> None:
-    asked = order(quarter_car(linear_damper(DAMPING)), "model")
-    motion, moments = run(asked, seen=lambda force_N, t_s: math.nan if t_s > 3.5 else force_N)
+    request = order(quarter_car(linear_damper(DAMPING)), "model")
+    motion, moments = run(request, seen=lambda force_N, t_s: math.nan if t_s > 3.5 else force_N)
     assert motion.problem is not None
     assert (motion.problem.value, motion.problem.limit) == (3.0, 2.0)
     assert moments
 
 
 def test_the_rod_returns_to_its_centre_in_the_end() -> None:
-    asked = order(quarter_car(linear_damper(DAMPING), 1.0), "model")
-    motion = HybridMotion(asked)
+    request = order(quarter_car(linear_damper(DAMPING), 1.0), "model")
+    motion = HybridMotion(request)
     last, place_m, t_s = None, 0.05, 0.0
     while (sent := motion.at(t_s, Measured(0.0, place_m))) is not None:
         last, place_m, t_s = sent, sent.position_m, t_s + 0.01
@@ -266,8 +266,8 @@ class Course:
 
 def test_a_lead_that_goes_further_than_the_bounds_is_not_sent() -> None:
     """A set-point led by 8 ms and more is beyond the largest speed before the target is: so the test ends there."""
-    asked = order(quarter_car(linear_damper(DAMPING)), "none", speed_m_s=0.3)
-    watch = Watch(asked.bounds)
+    request = order(quarter_car(linear_damper(DAMPING)), "none", speed_m_s=0.3)
+    watch = Watch(request.bounds)
     assert watch.problem_of_sent(Sent(0.1, 0.29)) is None
     for sent in (Sent(0.1, 0.31), Sent(-0.21, 0.0), Sent(math.nan, 0.0), Sent(0.0, -math.inf)):
         assert watch.problem_of_sent(sent) is not None
@@ -345,8 +345,8 @@ def test_extrapolation_turns_unstable_at_its_own_critical_delay(damping: float) 
 def commanded(control: Control, damper: CornerDamper) -> tuple[HybridMotion, list[Moment], list[float]]:
     """A test at 250 steps a second with a law: its course, and the current asked for at each step of the road."""
     car = dataclasses.replace(quarter_car(damper, 2.0), control=control)
-    asked = dataclasses.replace(order(car, "none", 0.004), control=control)
-    motion, moments, currents, place_m, t_s = HybridMotion(asked), [], [], 0.05, 0.0
+    request = dataclasses.replace(order(car, "none", 0.004), control=control)
+    motion, moments, currents, place_m, t_s = HybridMotion(request), [], [], 0.05, 0.0
     last_m_s = 0.0
     while (sent := motion.at(t_s, Measured(DAMPING * last_m_s, place_m))) is not None and motion.problem is None:
         place_m, last_m_s, t_s = sent.position_m, sent.velocity_m_s, t_s + 0.004
@@ -372,7 +372,7 @@ def test_skyhook_asks_for_the_whole_current_where_the_damper_can_hold_the_body()
 
 
 @pytest.mark.parametrize("rest_A", [0.0, 2.4], ids=["rests at none", "rests at more than the law may ask for"])
-def test_the_clipped_inverse_asks_for_the_current_at_which_the_assumed_damper_pulls_what_is_wanted(
+def test_the_clipped_inverse_asks_for_the_current_at_which_the_assumed_damper_pulls_what_is_requested(
     rest_A: float,
 ) -> None:
     known = dampers.parameter_set("demo")
@@ -381,26 +381,26 @@ def test_the_clipped_inverse_asks_for_the_current_at_which_the_assumed_damper_pu
     motion, moments, currents = commanded(control, damper)
     rows = np.array(moments)
     body, wheel = (np.gradient(rows[:, column], 0.004)[2:-2] for column in (3, 4))
-    asked = np.array(currents)[2:-2]
+    request = np.array(currents)[2:-2]
     rest_N = float(damper.model.force_at(damper.values, 0.0, rest_A))
-    reached_N = damper.model.force_at(damper.values, body - wheel, asked) - rest_N
-    wanted_N = 2500.0 * (0.7 * body - 0.3 * wheel)
-    between = (asked > 0.05) & (asked < 1.95)
+    reached_N = damper.model.force_at(damper.values, body - wheel, request) - rest_N
+    target_N = 2500.0 * (0.7 * body - 0.3 * wheel)
+    between = (request > 0.05) & (request < 1.95)
     assert np.count_nonzero(between) > 40
-    assert np.sqrt(np.mean((reached_N - wanted_N)[between] ** 2)) < 0.05 * np.std(wanted_N)
-    assert {0.0, 2.0} <= set(asked.tolist()), "clipped at both ends"
+    assert np.sqrt(np.mean((reached_N - target_N)[between] ** 2)) < 0.05 * np.std(target_N)
+    assert {0.0, 2.0} <= set(request.tolist()), "clipped at both ends"
     assert motion.current_A == rest_A
 
 
-def test_a_law_that_is_not_asked_between_its_road_and_its_end_leaves_no_current_of_its_own() -> None:
+def test_a_law_that_is_not_requested_between_its_road_and_its_end_leaves_no_current_of_its_own() -> None:
     control = Control("skyhook", current_A=0.2, most_A=1.5)
     car = dataclasses.replace(quarter_car(linear_damper(DAMPING), 2.0), control=control)
-    asked = dataclasses.replace(order(car, "none"), control=control)
-    motion, t_s, place_m = HybridMotion(asked), 0.0, 0.05
+    request = dataclasses.replace(order(car, "none"), control=control)
+    motion, t_s, place_m = HybridMotion(request), 0.0, 0.05
     while motion.current_A != 1.5:
         place_m = motion.at(t_s, Measured(0.0, place_m)).position_m
         t_s += 0.01
-    assert motion.at(asked.duration_s + 0.01, Measured(0.0, place_m)) is None
+    assert motion.at(request.duration_s + 0.01, Measured(0.0, place_m)) is None
     assert motion.current_A == 0.2
 
 

@@ -41,7 +41,7 @@ def test_the_sample_controller_tracks_as_the_paper_printed(case: int) -> None:
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("case", [1, 2, 3, 4])
-def test_the_own_compensator_reaches_what_is_asked_at_1024_and_250_Hz(case: int) -> None:
+def test_the_own_compensator_reaches_what_is_requested_at_1024_and_250_Hz(case: int) -> None:
     at_1024, at_250 = means(case, 1024, "adaptive-model"), means(case, 250, "adaptive-model")
     assert at_1024.criteria["J2"] <= 2.5
     assert at_1024.criteria["J4"] <= 5.0
@@ -123,7 +123,7 @@ def test_the_criteria_of_a_late_and_small_signal_are_what_arithmetic_gives() -> 
     assert found["J9"] == pytest.approx(50.0)
 
 
-def test_what_is_asked_and_not_reached_is_refused_with_the_numbers() -> None:
+def test_what_is_requested_and_not_reached_is_refused_with_the_numbers() -> None:
     bad = Result(1, 250, "adaptive-model", 20, 0, None, {"J2": 4.0, "J4": 21.0}, {})
     assert (bad.verdict, bad.refused) == ("refused", True)
     assert not replace(bad, case=2).refused
@@ -160,7 +160,7 @@ def test_a_record_is_read_with_its_heading_and_scaled(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("0,1\n0.02,x\n0.04\n0.06,nan\n", ["line 2", "line 3", "line 4"]),
         ("0,1\n1,2\n1.1,3\n", ["not equal"]),
@@ -168,13 +168,13 @@ def test_a_record_is_read_with_its_heading_and_scaled(tmp_path: Path) -> None:
         ("0,1\n", ["at least 2"]),
     ],
 )
-def test_a_wrong_record_is_refused_with_every_line(tmp_path: Path, text: str, said: list[str]) -> None:
+def test_a_wrong_record_is_refused_with_every_line(tmp_path: Path, text: str, message: list[str]) -> None:
     file = tmp_path / "quake.csv"
     file.write_text(text)
     with pytest.raises(FileProblem) as caught:
         read(file, 1.0)
-    assert len(caught.value.problems) == len(said)
-    assert all(word in problem for word, problem in zip(said, caught.value.problems, strict=True))
+    assert len(caught.value.problems) == len(message)
+    assert all(word in problem for word, problem in zip(message, caught.value.problems, strict=True))
 
 
 def test_the_command_prints_one_object_with_the_criteria(capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,13 +32,15 @@ def test_without_a_measured_scatter_the_residuals_own_decides(current: str, make
 
 
 @pytest.mark.parametrize("cycles", [2, 8])
-def test_two_cycles_are_enough_to_judge_and_are_not_said_to_be_missing(cycles: int, make_synthetic: Make) -> None:
+def test_two_cycles_are_enough_to_evaluate_and_are_not_reported_to_be_missing(
+    cycles: int, make_synthetic: Make
+) -> None:
     fit = identify(unscattered(make_synthetic(DEMO, cycles=cycles)))
     assert fit.adequate is True
     assert fit.warnings == ()
 
 
-def test_what_one_cycle_cannot_tell_is_null(make_synthetic: Make) -> None:
+def test_what_one_cycle_cannot_determine_is_null(make_synthetic: Make) -> None:
     fit = identify(unscattered(make_synthetic(DEMO, cycles=1)))
     assert fit.adequate is None
     assert fit.to_json()["adequate"] is None

@@ -14,8 +14,8 @@ from rig.identification.models.law_search import law_over
 from rig.identification.models.measurement import set_of
 from rig.identification.models.undetermined import levels_of
 from rig.identification.points.consistency import contradictions
+from rig.identification.remarks import Remark
 from rig.identification.selection import groups_of
-from rig.identification.words import Saying
 from rig.recording.recorded_point import RecordedPoint
 
 Make = Callable[..., list[Measurement]]
@@ -34,7 +34,7 @@ def test_the_same_test_with_another_force_is_named(make_synthetic: Make) -> None
     assert any("p004 of A and p001 of B by" in text and "two specimens" in text for text in warnings)
 
 
-def test_two_dampers_without_a_common_test_are_told_by_fits_apart(make_synthetic: Make) -> None:
+def test_two_dampers_without_a_common_test_are_reported_by_fits_apart(make_synthetic: Make) -> None:
     one = of_run("A", make_synthetic(DEMO, (0.0, 1.0), (0.5, 1.0)))
     other = of_run("B", make_synthetic(OTHER, (0.5, 1.5), (1.5, 2.0), seed=4))
     fit = identify([*one, *other])
@@ -62,7 +62,7 @@ def test_a_test_with_a_constant_channel_is_left_out_by_name(make_synthetic: Make
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
     dead = replace(tests[1], **{channel: np.full_like(tests[1].force_N, 120.0)})
     fit = identify([tests[0], dead, *tests[2:]])
-    (warning,) = [text for text in fit.warnings if isinstance(text, Saying) and text.slug == "constant-channel"]
+    (warning,) = [text for text in fit.warnings if isinstance(text, Remark) and text.slug == "constant-channel"]
     assert (warning.numbers["test"], warning.numbers["channel"][0]) == ("p002", unit)  # type: ignore[index]
     assert [entry.id for entry in fit.error.per_test] == ["p001", "p003", "p004"]
     with pytest.raises(IdentificationFailed, match=f"p002 not used: its {unit}"):

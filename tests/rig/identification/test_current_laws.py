@@ -95,8 +95,8 @@ def test_source_code_of_a_fit_has_its_law(fit: Fit, tmp_path: Path) -> None:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     u, v, current = np.array([0.01, -0.02]), np.array([0.2, -0.1]), np.array([0.2, 1.3])
-    told = module.force(u.tolist(), v.tolist(), [0.0, 0.0], current.tolist(), 1e-3)
-    assert told == pytest.approx(by_hand(u, v, current).tolist(), abs=2.0)
+    predicted = module.force(u.tolist(), v.tolist(), [0.0, 0.0], current.tolist(), 1e-3)
+    assert predicted == pytest.approx(by_hand(u, v, current).tolist(), abs=2.0)
 
 
 def test_tests_at_too_few_currents_say_so(make_synthetic: Make) -> None:
@@ -114,7 +114,7 @@ def test_tests_at_too_few_currents_say_so(make_synthetic: Make) -> None:
 
 
 @pytest.mark.parametrize(("currents_A", "known"), [((0.5, 1.0, 2.0), set()), ((0.0, 1.0, 2.0), {"kt"})])
-def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
+def test_what_the_currents_show_only_beside_a_power_left_out_is_not_identified(
     currents_A: tuple[float, ...], known: set[str], make_synthetic: Make, tmp_path: Path
 ) -> None:
     values = {**model("lost_motion").demonstration, "kt": 60.0, "kt_b": 300.0, "kt_c": -90.0, "kt_d": 12.0}
@@ -131,16 +131,21 @@ def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
     assert "kt_d" in fit.parameters["kt_b"].reason
     table = {"time_s": np.arange(4) * 0.01, "displacement_m": 0.0, "velocity_m_s": 0.1,
              "current_A": [1.02, 1.4, 2.0, 0.8]}  # fmt: skip
-    told = fit.predict(table)
-    assert list(told["beyond"]) == ["", "current_A", "", "current_A"]  # 12 I^3 is not known between tested currents
+    predicted = fit.predict(table)
+    assert list(predicted["beyond"]) == [
+        "",
+        "current_A",
+        "",
+        "current_A",
+    ]  # 12 I^3 is not known between tested currents
     tested = ", ".join(f"{current_A:g}" for current_A in currents_A)
-    assert f"only near the currents {tested} A" in told.attrs["extrapolation"]
+    assert f"only near the currents {tested} A" in predicted.attrs["extrapolation"]
     for between in (fit.inverse_table(), fit.control_range()):
         assert "outside the tested range: current_A between tested currents" in between.attrs["extrapolation"]
     path, _ = write_fit(fit, tmp_path)
     (exported,) = export(path, "inverse", tmp_path / "out")
     assert "# outside the tested range: current_A between tested currents" in exported.read_text()
-    assert list(Fit.load(path).predict(table)["beyond"]) == list(told["beyond"])
+    assert list(Fit.load(path).predict(table)["beyond"]) == list(predicted["beyond"])
 
 
 def test_a_law_in_the_models_name_is_fitted_too(make_synthetic: Make) -> None:

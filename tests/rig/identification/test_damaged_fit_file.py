@@ -99,16 +99,16 @@ EDITS = {
 }
 
 
-@pytest.mark.parametrize(("place", "value", "said"), EDITS.values(), ids=EDITS)
+@pytest.mark.parametrize(("place", "value", "message"), EDITS.values(), ids=EDITS)
 def test_the_message_names_file_key_value_and_way_out(
-    run: Path, tmp_path: Path, place: tuple[str, ...], value: object, said: str
+    run: Path, tmp_path: Path, place: tuple[str, ...], value: object, message: str
 ) -> None:
     content = json.loads((run / "fit.json").read_text(encoding="utf-8"))
     (tmp_path / "fit.json").write_text(json.dumps(changed(content, place, value)), encoding="utf-8")
     for read in (Fit.load, FitRecord.load, lambda path: fitted_damper(str(path), 0)):
         with pytest.raises(FileProblem) as refused:
             read(tmp_path / "fit.json")
-        assert f"fit.json: {said}" in str(refused.value)
+        assert f"fit.json: {message}" in str(refused.value)
         assert "Fix: identify the run again" in str(refused.value)
 
 
@@ -116,7 +116,7 @@ def test_every_command_refuses_it_as_bad_input(
     run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     good = (run / "fit.json").read_text(encoding="utf-8")
-    place, value, said = EDITS["text"]
+    place, value, message = EDITS["text"]
     try:
         (run / "fit.json").write_text(json.dumps(changed(json.loads(good), place, value)), encoding="utf-8")
         for arguments in (
@@ -126,10 +126,10 @@ def test_every_command_refuses_it_as_bad_input(
         ):
             capfd.readouterr()
             assert main(arguments) == 2, arguments
-            told = capfd.readouterr().err
-            assert "fit.json" in told
-            assert said in told, arguments
-            assert "Fix: identify the run again" in told
+            reported = capfd.readouterr().err
+            assert "fit.json" in reported
+            assert message in reported, arguments
+            assert "Fix: identify the run again" in reported
     finally:
         (run / "fit.json").write_text(good, encoding="utf-8")
 
@@ -138,7 +138,7 @@ def test_no_json_and_an_unknown_model_name_file_and_way_out(
     run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     good = (run / "fit.json").read_text(encoding="utf-8")
-    for damaged, said in (
+    for damaged, message in (
         (good[: len(good) // 2], "not valid JSON"),
         (json.dumps({**json.loads(good), "model": "nope"}), "model: unknown damper model 'nope'"),
     ):
@@ -150,9 +150,9 @@ def test_no_json_and_an_unknown_model_name_file_and_way_out(
         ):
             capfd.readouterr()
             assert main(arguments) == 2, arguments
-            told = capfd.readouterr().err
-            assert f"{folder / 'fit.json'}: {said}" in told
-            assert "Fix: identify the run again" in told
+            reported = capfd.readouterr().err
+            assert f"{folder / 'fit.json'}: {message}" in reported
+            assert "Fix: identify the run again" in reported
 
 
 UNSEEN_TEST = {"id": "a", "amplitude_m": 0.01, "frequency_Hz": 1.0, "current_A": 0.0, "nrmse_percent_of_peak": None}

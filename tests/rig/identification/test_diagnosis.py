@@ -12,8 +12,8 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.diagnosis.stretches import path_since_reversal_m
+from rig.identification.remarks import some
 from rig.identification.runs import write_fit
-from rig.identification.words import some
 
 DEMO = dict(parameter_set("demo").values)
 DAMPER = model("asymmetric")
@@ -95,7 +95,7 @@ def test_a_diagnosis_is_read_back_from_a_fit_file(tmp_path: Path) -> None:
     assert [vars(cause) for cause in again.diagnosis] == [vars(cause) for cause in fit.diagnosis]
 
 
-def test_good_tests_are_not_accused_even_when_asked() -> None:
+def test_good_tests_are_not_accused_even_on_request() -> None:
     fit = identify(damper_tests(), diagnose=True)
     assert fit.adequate
     assert fit.diagnosis == ()
@@ -130,7 +130,7 @@ def test_a_drift_in_some_of_the_tests_is_no_second_damper() -> None:
     assert "(p002, p007; largest +25" in fit.diagnosis[0].text
 
 
-def test_what_drifts_in_every_test_by_itself_is_not_said_of_some_tests() -> None:
+def test_what_drifts_in_every_test_by_itself_is_not_reported_of_some_tests() -> None:
     def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
         return np.asarray(force_N * (1.0 + 0.25 * (-1) ** number * share))
 
@@ -190,14 +190,14 @@ def test_a_law_drawn_through_two_currents_is_doubted_where_it_leaves_much_at_zer
     assert identify(damper_tests(currents_A=(1.0, 2.0))).diagnosis == ()
 
 
-def test_tests_of_two_dampers_are_told_apart() -> None:
+def test_tests_of_two_dampers_are_distinguished() -> None:
     other = {**DEMO, "Fyb": 150.0, "Ca_plus": 1500.0}
     fit = identify(damper_tests(values_of=lambda number: other if number in {1, 4, 7, 8} else DEMO))
     assert named_first(fit) == "mixed-specimens"
     assert "p002, p005, p008 and 1 more" in fit.diagnosis[0].text
 
 
-def test_a_model_that_lacks_the_amplitude_makes_no_second_damper() -> None:
+def test_a_model_that_does_not_have_the_amplitude_makes_no_second_damper() -> None:
     """Large and small strokes of a damper whose yield force grows with the stroke, which the model does not know."""
     large = damper_tests(currents_A=(0.0, 1.0), values_of=lambda number: {**DEMO, "Fyb": 300.0, "Fya": 60.0})
     small = [
@@ -337,7 +337,7 @@ def test_an_offset_comes_after_what_explains_a_misfit() -> None:
     assert (slugs[0], slugs[-1]) == ("skew", "force-offset")
 
 
-def test_a_model_without_hysteresis_is_told_what_it_lacks() -> None:
+def test_a_model_without_hysteresis_names_what_is_missing() -> None:
     fit = identify(damper_tests(), model="bingham")
     assert fit.adequate is False
     assert named_first(fit) in {"missing-hysteresis", "speed-shape"}

@@ -47,7 +47,7 @@ def test_a_fit_keeps_the_intervals_of_tests_drawn_again(drawn: Fit, tmp_path: Pa
     assert Fit.load(path).drawn == drawn.drawn
 
 
-def test_no_draws_are_made_that_nobody_asked_for(tests: list[Measurement]) -> None:
+def test_no_draws_are_made_that_nobody_requested(tests: list[Measurement]) -> None:
     fit = identify(tests, model="bingham")
     assert fit.drawn is None
     assert fit.to_json()["bootstrap"] is None
@@ -67,8 +67,8 @@ def test_terminal_and_report_show_both_intervals(drawn: Fit) -> None:
 
 def test_the_band_of_the_covariance_is_that_of_linear_least_squares(tests: list[Measurement]) -> None:
     fit = identify(tests, model="bingham")
-    told = fit.predict(TABLE, band=True)
-    half_N = 0.5 * (told["model_high_N"] - told["model_low_N"]).to_numpy()
+    predicted = fit.predict(TABLE, band=True)
+    half_N = 0.5 * (predicted["model_high_N"] - predicted["model_low_N"]).to_numpy()
     names = ("fc", "fc_b", "c0", "c0_b", "f0")
     errors = np.array([fit.parameters[name].standard_error for name in names], dtype=float)
     matrix = np.array([[fit.correlation[a][b] for b in names] for a in names]) * np.outer(errors, errors)
@@ -76,10 +76,10 @@ def test_the_band_of_the_covariance_is_that_of_linear_least_squares(tests: list[
         column = np.array([1.0, 1.0, v, v, 1.0])  # dF/d(each) at 1 A
         assert half == pytest.approx(1.96 * float(np.sqrt(column @ matrix @ column)), rel=0.35)  # 200 draws
     plain = fit.predict(TABLE)
-    assert np.all(told["high_N"] > plain["high_N"])
-    assert np.all(told["low_N"] < plain["low_N"])
-    assert np.allclose(told["high_N"] - told["force_N"], np.hypot(plain["high_N"] - plain["force_N"],
-                       told["model_high_N"] - told["force_N"]))  # fmt: skip
+    assert np.all(predicted["high_N"] > plain["high_N"])
+    assert np.all(predicted["low_N"] < plain["low_N"])
+    assert np.allclose(predicted["high_N"] - predicted["force_N"], np.hypot(plain["high_N"] - plain["force_N"],
+                       predicted["model_high_N"] - predicted["force_N"]))  # fmt: skip
     assert not {"model_low_N", "model_high_N"} & set(plain.columns)
 
 
@@ -89,9 +89,9 @@ def test_a_band_goes_by_the_draws_where_there_are_some(drawn: Fit) -> None:
     kept = replace(drawn.uncertainty, drawn=replace(drawn.drawn, draws=narrow))
     same = replace(drawn, uncertainty=kept).predict(TABLE, band=True)
     assert np.allclose(same["model_low_N"], same["force_N"])  # all draws agree
-    told = drawn.predict(TABLE, band=True)
-    assert np.all(told["model_low_N"] < told["force_N"])
-    assert np.all(told["force_N"] < told["model_high_N"])
+    predicted = drawn.predict(TABLE, band=True)
+    assert np.all(predicted["model_low_N"] < predicted["force_N"])
+    assert np.all(predicted["force_N"] < predicted["model_high_N"])
 
 
 def test_a_fit_that_tells_no_covariance_has_no_band(tests: list[Measurement]) -> None:

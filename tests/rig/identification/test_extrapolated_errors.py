@@ -140,7 +140,7 @@ def test_a_current_between_too_few_for_the_model_is_beyond_too(make_synthetic: M
     assert [test.beyond for test in fit.holdout.per_test] == [("current_A",), ("current_A",)]
 
 
-def test_each_pair_foretold_says_where_it_lay_beyond_the_others(make_synthetic: Make, tmp_path: Path) -> None:
+def test_each_pair_forereported_says_where_it_lay_beyond_the_others(make_synthetic: Make, tmp_path: Path) -> None:
     fit = identify(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), cycles=3), unseen="pairs")
     assert fit.unseen is not None
     beyond = {test.frequency_Hz: test.beyond for test in fit.unseen.per_test}
@@ -158,7 +158,7 @@ def score(name: str, error: float, within: float | None) -> ModelScore:
     return ModelScore(name, error, 1.0, 1.0, 9, "separable", within_nrmse_percent_of_peak=within, beyond=beyond)
 
 
-def test_held_out_tests_beyond_the_data_decide_as_asked_and_it_is_said(make_synthetic: Make) -> None:
+def test_held_out_tests_beyond_the_data_decide_as_requested_and_it_is_reported(make_synthetic: Make) -> None:
     held_out = make_synthetic(DEMO, (1.0,), (1.0,), cycles=2)
     (only,) = doubts_of([score("kwok", 20.0, None), score("bingham", 30.0, None)], held_out)
     assert (only.slug, only.numbers["quantities"]) == ("ranked-beyond", "velocity, current")

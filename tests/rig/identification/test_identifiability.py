@@ -57,7 +57,7 @@ def test_a_finely_stepped_current_has_its_levels_and_a_badly_held_one_has_no_mor
     assert only_at(model_with_cubic, badly) == pytest.approx((0.01 / 3.0, 1.0))
 
 
-def test_one_frequency_cannot_tell_mass_from_stiffness(make_synthetic: Make) -> None:
+def test_one_frequency_cannot_determine_mass_from_stiffness(make_synthetic: Make) -> None:
     fit = identify(make_synthetic(DEMO, frequencies_Hz=(1.0,)))
     assert {"m", "Ka"} <= unknown(fit)
     assert "one frequency" in fit.parameters["m"].reason
@@ -65,7 +65,7 @@ def test_one_frequency_cannot_tell_mass_from_stiffness(make_synthetic: Make) -> 
     assert fit.parameters["beta"].identifiable
 
 
-def test_one_speed_cannot_tell_viscous_from_yield_force(make_synthetic: Make) -> None:
+def test_one_speed_cannot_determine_viscous_from_yield_force(make_synthetic: Make) -> None:
     tests = []
     for test in make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0,)):
         t = np.arange(test.u_m.size) / 250.0 + 0.0013
@@ -102,7 +102,7 @@ def triangles(values: dict[str, float], speeds_m_s: tuple[float, ...], seed: int
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
-    ("speeds_m_s", "beta_s_m", "told"),
+    ("speeds_m_s", "beta_s_m", "identifiable"),
     [
         ((0.2, 0.4), 50.0, {"F0", "Ka"}),
         ((0.2, 0.4), 5.0, {"F0", "Ka", "beta", "delta", "Fyb", "Ca_plus", "Cb_minus"}),
@@ -111,7 +111,7 @@ def triangles(values: dict[str, float], speeds_m_s: tuple[float, ...], seed: int
     ],
 )
 def test_intervals_at_a_few_constant_speeds_cover_the_truth_or_are_withdrawn(
-    speeds_m_s: tuple[float, ...], beta_s_m: float, told: set[str]
+    speeds_m_s: tuple[float, ...], beta_s_m: float, identifiable: set[str]
 ) -> None:
     values = {**DEMO, "beta": beta_s_m}
     covered: dict[str, list[bool]] = {}
@@ -124,10 +124,10 @@ def test_intervals_at_a_few_constant_speeds_cover_the_truth_or_are_withdrawn(
     assert inside >= 0.9 * stated
     for name, hits in covered.items():
         assert sum(hits) >= 0.75 * len(hits), (name, hits)  # of 20 or more with 95 %: fewer below 1 in 1,000
-    assert {name for name, hits in covered.items() if len(hits) >= 27} >= told
+    assert {name for name, hits in covered.items() if len(hits) >= 27} >= identifiable
 
 
-def test_a_small_part_in_a_direction_without_information_is_enough_to_be_untold() -> None:
+def test_a_small_part_in_a_direction_without_information_is_enough_to_be_undetermined() -> None:
     values = {**DEMO, "m": 0.0, "beta": 5.0, "delta": 0.0}  # Fya, beside the hundredfold yield force at 1 and 2 A
     names = [name for name in DEMO if name not in {"eta", "m"}]
     tests = triangles(values, (0.2, 0.4), 0)
@@ -137,7 +137,7 @@ def test_a_small_part_in_a_direction_without_information_is_enough_to_be_untold(
     assert known.standard_error("Fya") == np.inf
 
 
-def test_a_bent_tanh_at_two_speeds_is_not_told_from_a_sign_function() -> None:
+def test_a_bent_tanh_at_two_speeds_is_not_distinguished_from_a_sign_function() -> None:
     fit = identify(triangles(DEMO, (0.2, 0.4), 0))
     assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus"} <= unknown(fit)
     assert "with different yield and viscous forces fit equally well" in fit.parameters["Fyb"].reason
@@ -161,7 +161,7 @@ def test_a_models_scale_freedom_is_named(make_synthetic: Make) -> None:
 
 
 @pytest.mark.parametrize("delta", [40.0, 200.0])
-def test_a_degenerate_hysteresis_is_warned_of_and_its_parameters_are_not_told(
+def test_a_degenerate_hysteresis_is_warned_of_and_its_parameters_are_not_reported(
     delta: float, make_synthetic: Make
 ) -> None:
     fit = identify(make_synthetic({**DEMO, "delta": delta, "beta": 20.0}))

@@ -71,7 +71,7 @@ def test_relative_error_is_the_mean_over_tests_of_rmse_over_peak(demo_fit: Fit) 
     assert demo_fit.to_pandas().loc["Fyb", "unit"] == "N/A"
 
 
-def test_a_damper_of_another_model_is_said_not_to_fit(make_campaign: Make) -> None:
+def test_a_damper_of_another_model_is_reported_not_to_fit(make_campaign: Make) -> None:
     points = make_campaign("demo-normalized-bouc-wen", (0.0, 2.0), (0.5, 2.0))
     fit = identify(points)
     assert not fit.adequate

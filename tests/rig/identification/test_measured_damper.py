@@ -73,7 +73,7 @@ def test_lost_motion_foretells_unseen_motions_to_seven_per_cent_of_the_peak(meas
 
 
 @pytest.mark.parametrize("name", ["sprung_bouc_wen", "thixotropic_bouc_wen"])
-def test_a_spring_and_a_mass_foretell_unseen_motions_to_six_per_cent_of_the_peak(
+def test_a_spring_and_a_mass_predict_unseen_motions_to_six_per_cent_of_the_peak(
     measured: list[Measurement], name: str
 ) -> None:
     errors = unseen_errors(name, measured)
@@ -87,8 +87,8 @@ def test_a_fluid_that_remembers_its_speed_describes_the_tests_at_0_A_better(meas
     for name in ("sprung_bouc_wen", "thixotropic_bouc_wen"):
         damper = model(name)
         fitted = solve(damper, measured, Method(weight="relative"), examine(damper, measured))
-        told = {each.id: each.nrmse_percent_of_peak for each in score(damper, fitted.values, measured).per_test}
-        errors.append([told[f"{motion}_0.00A"] for motion in ("2mm5Hz", "5mm3Hz", "25mm0x25Hz", "25mm0x5Hz")])
+        reported = {each.id: each.nrmse_percent_of_peak for each in score(damper, fitted.values, measured).per_test}
+        errors.append([reported[f"{motion}_0.00A"] for motion in ("2mm5Hz", "5mm3Hz", "25mm0x25Hz", "25mm0x5Hz")])
     assert np.mean(errors[1]) < 0.92 * np.mean(errors[0])
     assert errors[1][1] < errors[0][1] - 1.2
 
@@ -114,7 +114,7 @@ def test_the_data_choose_the_model_made_for_real_dampers(measured: list[Measurem
 
 
 @pytest.mark.nightly
-def test_what_the_best_model_lacks_is_no_second_damper(measured: list[Measurement]) -> None:
+def test_what_the_best_model_does_not_have_is_no_second_damper(measured: list[Measurement]) -> None:
     fit = identify(measured, model="thixotropic_bouc_wen")
     assert fit.adequate is False
     assert {cause.slug for cause in fit.diagnosis} <= {"unexplained", "force-offset"}
@@ -142,7 +142,7 @@ def test_one_wrong_gain_among_twenty_is_named_with_its_test(
 
 
 @pytest.mark.nightly
-def test_one_current_told_wrong_among_twenty_is_named_and_the_others_are_not(measured: list[Measurement]) -> None:
+def test_one_current_stated_wrongly_among_twenty_is_named_and_the_others_are_not(measured: list[Measurement]) -> None:
     altered = [
         replace(test, current_A=np.full(test.u_m.size, 0.75)) if test.id == "25mm0x25Hz_0.25A" else test
         for test in measured

@@ -36,7 +36,7 @@ def test_noise_is_weighed_in_newtons(tests: list[Measurement]) -> None:
     assert not any("has equal weight" in text for text in fit.warnings)
 
 
-def test_misfit_is_weighed_by_each_tests_peak_and_said(tests: list[Measurement]) -> None:
+def test_misfit_is_weighed_by_each_tests_peak_and_reported(tests: list[Measurement]) -> None:
     wrong = _with_stops(tests)
     fit = identify(wrong, model="asymmetric")
     assert fit.weight == "relative"
@@ -58,7 +58,7 @@ def test_the_relative_objective_is_the_sum_of_squared_relative_errors(tests: lis
     assert fit.objective == pytest.approx(by_hand, rel=1.0 - counted)
 
 
-def test_where_the_scatter_is_not_known_all_samples_count_alike(tests: list[Measurement]) -> None:
+def test_where_the_scatter_is_not_known_all_samples_count_identical(tests: list[Measurement]) -> None:
     unknown = [replace(test, noise_N=math.nan) for test in _with_stops(tests)]
     assert identify(unknown, model="asymmetric").weight == "1"
 

@@ -113,7 +113,7 @@ def _with_stop(test: Measurement) -> np.ndarray:
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("law", "noise_N"), [(_with_seal, 5.0), (_with_stop, 5.0), (_with_gap, 20.0), (_warming, 5.0)])
-def test_a_plant_of_no_model_is_said_not_to_fit(law: Force, noise_N: float) -> None:
+def test_a_plant_of_no_model_is_reported_not_to_fit(law: Force, noise_N: float) -> None:
     kept, held_out = recorded(law, noise_N, seed=7)
     fit = identify(kept, model="all", holdout=held_out)
     assert not fit.adequate

@@ -53,7 +53,7 @@ def recorded(plant: str = "modified_bouc_wen") -> RecordedPoint:
     return point
 
 
-def test_the_unseen_end_of_a_random_test_is_foretold_and_the_lag_found() -> None:
+def test_the_unseen_end_of_a_random_test_is_forereported_and_the_lag_found() -> None:
     fit = identify([recorded()], model="thinning_bouc_wen", holdout="last 30 %")
     assert fit.holdout is not None
     assert fit.holdout.r_squared > 0.97

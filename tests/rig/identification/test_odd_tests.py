@@ -49,7 +49,7 @@ def times(gain: float) -> Callable[[Measurement], Measurement]:
     return lambda test: replace(test, force_N=gain * test.force_N, noise_N=gain * test.noise_N)
 
 
-def told(current_A: float) -> Callable[[Measurement], Measurement]:
+def with_current(current_A: float) -> Callable[[Measurement], Measurement]:
     return lambda test: replace(test, current_A=np.full(test.u_m.size, current_A), nominal_current_A=current_A)
 
 
@@ -63,28 +63,30 @@ def odd_in(fit: Fit) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         (times(10.0), "its force were multiplied by 0.1"), (times(0.1), "its force were multiplied by 10"),
         (times(2.0), "its force were multiplied by 0.5"), (times(0.5), "its force were multiplied by 2"),
-        (times(0.8), "its force were multiplied by 1.25"), (told(0.0), "its current were 1.00 A instead of 0.00 A"),
-        (told(1.5), "its current were 1.00 A instead of 1.50 A"), (moved(0.1), "its motion were multiplied by 10"),
+        (times(0.8), "its force were multiplied by 1.25"),
+        (with_current(0.0), "its current were 1.00 A instead of 0.00 A"),
+        (with_current(1.5), "its current were 1.00 A instead of 1.50 A"),
+        (moved(0.1), "its motion were multiplied by 10"),
     ],
 )  # fmt: skip
 def test_one_wrong_file_among_good_ones_is_named_first_and_alone(
-    wrong: Callable[[Measurement], Measurement], said: str
+    wrong: Callable[[Measurement], Measurement], message: str
 ) -> None:
     tests = campaign()
     fit = identify([wrong(test) if k == ODD else test for k, test in enumerate(tests)])
     assert [cause.slug for cause in fit.diagnosis] == ["odd-test"]
     assert list(odd_in(fit)) == ["p007"]
-    assert said in fit.diagnosis[0].text
+    assert message in fit.diagnosis[0].text
     assert fit.diagnosis[0].explains > 0.9
 
 
 def test_every_one_of_several_wrong_files_is_named() -> None:
     tests = campaign(currents_A=(0.0, 0.5, 1.0, 1.5, 2.0))
-    wrong = {4: times(0.1), 7: told(0.0), 13: times(2.0)}
+    wrong = {4: times(0.1), 7: with_current(0.0), 13: times(2.0)}
     fit = identify([wrong[k](test) if k in wrong else test for k, test in enumerate(tests)])
     assert set(odd_in(fit)) == {"p004", "p007", "p013"}
     assert sum(cause.explains for cause in fit.diagnosis) == pytest.approx(1.0, abs=0.02)
@@ -99,7 +101,7 @@ def test_a_file_of_another_damper_is_named_though_nothing_makes_it_fit() -> None
     assert "neither a gain error in its force" in fit.diagnosis[0].text
 
 
-def test_a_law_of_the_current_that_the_model_lacks_makes_no_test_odd() -> None:
+def test_a_law_of_the_current_that_the_model_does_not_have_makes_no_test_odd() -> None:
     fit = identify(campaign(acting=lambda current_A: 0.6 * (1.0 - float(np.exp(-current_A / 0.6)))))
     assert fit.diagnosis[0].slug == "current-law"
     assert not odd_in(fit)
@@ -130,7 +132,7 @@ def test_reversed_signs_without_current_are_named_where_rebound_is_clearly_weake
     assert (cause.slug, cause.explains) == ("signs-reversed", 0.0)
 
 
-def test_a_drift_in_some_tests_is_told_among_a_hundred_as_among_twenty() -> None:
+def test_a_drift_in_some_tests_is_reported_among_a_hundred_as_among_twenty() -> None:
     """Under the misfit of a model that does not know rebound from jounce."""
     slugs = {}
     for count in (6, 34):

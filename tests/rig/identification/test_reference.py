@@ -41,7 +41,7 @@ def test_a_regression_learns_what_it_sees_and_is_worse_on_motions_it_has_not_see
     assert seen < 6.0 < unseen < 60.0
 
 
-def test_without_the_library_the_way_out_is_said(
+def test_without_the_library_the_way_out_is_reported(
     tests: list[Measurement], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "sklearn.ensemble", None)

@@ -15,7 +15,7 @@ U = 0.05 * np.sin(2.0 * np.pi * (TIME + 0.4) / PERIOD)
 BUMP = np.exp(-(((TIME % PERIOD) - 40.0) ** 2) / 50.0)
 
 
-def judged(values: np.ndarray) -> Residual:
+def residual_of(values: np.ndarray) -> Residual:
     return assess_residual(values, ALL, U, 0.004)
 
 
@@ -25,7 +25,7 @@ def smooth(values: np.ndarray, length: int) -> np.ndarray:
 
 def test_white_noise_is_white_and_one_fit_in_a_hundred_at_most_is_accused() -> None:
     rng = np.random.default_rng(5)
-    fits = [[judged(rng.normal(0.0, 5.0, TIME.size)) for _ in range(9)] for _ in range(60)]
+    fits = [[residual_of(rng.normal(0.0, 5.0, TIME.size)) for _ in range(9)] for _ in range(60)]
     assert sum(bool(correlated(fit)) for fit in fits) <= 5
     assert np.mean([each.widening for fit in fits for each in fit]) < 1.1
     assert np.mean([each.noise_N for fit in fits for each in fit]) == pytest.approx(5.0, rel=0.01)
@@ -35,7 +35,7 @@ def test_white_noise_is_white_and_one_fit_in_a_hundred_at_most_is_accused() -> N
 
 def test_a_misfit_far_below_the_noise_is_seen_because_it_repeats() -> None:
     rng = np.random.default_rng(2)
-    found = judged(rng.normal(0.0, 5.0, TIME.size) + 8.0 * BUMP)
+    found = residual_of(rng.normal(0.0, 5.0, TIME.size) + 8.0 * BUMP)
     assert found.repeating_N == pytest.approx(8.0 * np.sqrt(np.mean(BUMP**2)), rel=0.25)
     assert found.noise_N == pytest.approx(5.0, rel=0.05)
     assert found.widening > 4.0
@@ -44,17 +44,17 @@ def test_a_misfit_far_below_the_noise_is_seen_because_it_repeats() -> None:
 
 def test_noise_slower_than_the_sampling_widens_but_is_no_misfit() -> None:
     rng = np.random.default_rng(3)
-    filtered = [judged(smooth(rng.normal(0.0, 5.0, TIME.size + 5), 6)) for _ in range(20)]
+    filtered = [residual_of(smooth(rng.normal(0.0, 5.0, TIME.size + 5), 6)) for _ in range(20)]
     assert len(correlated(filtered)) <= 1
     assert np.mean([each.widening for each in filtered]) == pytest.approx(6.0, rel=0.3)
     assert np.median([each.memory_s for each in filtered]) == pytest.approx(6 * 0.004, abs=0.009)
 
 
 @pytest.mark.parametrize("factory", [np.zeros, lambda n: np.r_[np.zeros(n - 1), 1.0]])
-def test_a_residual_without_noise_or_nearly_so_is_judged_without_a_failure(
+def test_a_residual_without_noise_or_nearly_so_is_evaluated_without_a_failure(
     factory: Callable[[int], np.ndarray],
 ) -> None:
-    found = judged(factory(TIME.size))
+    found = residual_of(factory(TIME.size))
     assert found.widening >= 1.0
     assert np.isfinite([found.noise_N, found.repeating_N, found.memory_s]).all()
 
@@ -64,7 +64,7 @@ def test_samples_that_do_not_count_change_nothing() -> None:
     noise = rng.normal(0.0, 5.0, TIME.size) + 8.0 * BUMP
     counting = rng.random(TIME.size) > 0.05
     spoiled = np.where(counting, noise, 1e6)
-    expected = pytest.approx(judged(noise).repeating_N, rel=0.15)
+    expected = pytest.approx(residual_of(noise).repeating_N, rel=0.15)
     assert assess_residual(spoiled, counting, U, 0.004).repeating_N == expected
 
 

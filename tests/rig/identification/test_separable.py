@@ -96,11 +96,11 @@ def test_a_published_algorithm_runs_by_name_and_does_no_better(make_synthetic: M
 
 
 @pytest.mark.parametrize("name", ["de", "hybrid"])
-def test_a_published_algorithm_does_not_search_what_one_test_cannot_tell(name: str, make_synthetic: Make) -> None:
+def test_a_published_algorithm_does_not_search_what_one_test_cannot_determine(name: str, make_synthetic: Make) -> None:
     fit = identify(make_synthetic(DEMO, (1.0,), (1.0,)), method=Method(name, weight="1", budget=3000))
-    untold = {"m", "Fyb", "Cb_plus", "Cb_minus", "Kb"}
-    assert {key: fit.values[key] for key in untold} == dict.fromkeys(untold, 0.0)
-    assert all("its value is set to 0" in fit.parameters[key].reason for key in untold)
+    undetermined = {"m", "Fyb", "Cb_plus", "Cb_minus", "Kb"}
+    assert {key: fit.values[key] for key in undetermined} == dict.fromkeys(undetermined, 0.0)
+    assert all("its value is set to 0" in fit.parameters[key].reason for key in undetermined)
     assert fit.values["Fya"] != 0.0
     assert name != "hybrid" or fit.error.rmse_N == pytest.approx(5.0, rel=0.05)
 

@@ -137,7 +137,7 @@ def test_a_damper_with_a_memory_is_picked_among_those_without_one() -> None:
     assert fit.error.rmse_N == pytest.approx(3.0, rel=0.05)
 
 
-def test_mass_and_stiffness_of_a_sprung_damper_are_not_told_apart_at_one_frequency() -> None:
+def test_mass_and_stiffness_of_a_sprung_damper_are_not_distinguished_at_one_frequency() -> None:
     rng = np.random.default_rng(8)
     fit = identify([moved(amps, 0.02, 1.0, rng) for amps in (0.0, 0.5, 1.0)], model="sprung_bouc_wen")
     assert not fit.parameters["m"].identifiable
@@ -204,22 +204,22 @@ def test_the_bouc_wen_family_says_for_which_scale_its_values_are() -> None:
 def test_all_models_compared_recommend_the_plant_with_a_roll_off_at_small_speeds() -> None:
     tests = recorded("demo-modified-bouc-wen")
     held_out = [test for test in tests if test.nominal_current_A == 1.3]
-    told: list[str] = []
+    reported: list[str] = []
     fit = identify(
         [test for test in tests if test.nominal_current_A != 1.3],
         model="all",
         holdout=held_out,
-        on_progress=told.append,
+        on_progress=reported.append,
     )
     assert fit.model == "modified_bouc_wen"
     assert fit.adequate
-    assert told[0] == f"fitting asymmetric (1 of {len(MODELS)})"
+    assert reported[0] == f"fitting asymmetric (1 of {len(MODELS)})"
     errors = {score.model: score.holdout_nrmse_percent_of_peak for score in fit.selection}
     assert errors["bingham"] > 2.0 * errors["modified_bouc_wen"]  # type: ignore[operator]  # tests were held out
 
 
 @pytest.mark.parametrize("currents", [1, 2, 3])
-def test_powers_of_the_current_that_the_tests_cannot_tell_are_left_out(
+def test_powers_of_the_current_that_the_tests_cannot_determine_are_left_out(
     currents: int, make_synthetic: Callable[..., list[Measurement]]
 ) -> None:
     tests = make_synthetic(

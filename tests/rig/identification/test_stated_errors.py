@@ -170,7 +170,7 @@ def test_a_hopeless_model_is_given_up_and_stands_in_the_ranking_with_its_reason(
     assert {each["model"] for each in fit.to_json()["selection"]} == {each.model for each in fit.selection}
 
 
-def test_judging_a_long_recording_takes_little_memory_beside_it(make_synthetic: Make) -> None:
+def test_evaluating_a_long_recording_takes_little_memory_beside_it(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), cycles=600)
     size = 8 * sum(each.u_m.size for each in tests)
     identify(tests)

@@ -107,7 +107,7 @@ def test_intervals_cover_a_damper_that_falls_along_a_straight_line(seed: int) ->
         assert each.standard_error < 0.05 * slope  # type: ignore[operator]  # identifiable
 
 
-def test_viscosity_alone_is_told_from_viscosity_and_yield_force() -> None:
+def test_viscosity_alone_is_distinguished_from_viscosity_and_yield_force() -> None:
     tests = run_at((20.0, 30.0, 45.0), viscous=-0.012, yielding=0.0)
     both = identify(tests, temperature_law="both")
     assert both.values["k_viscous"] > 0.012
@@ -119,7 +119,7 @@ def test_viscosity_alone_is_told_from_viscosity_and_yield_force() -> None:
     assert not common.adequate
 
 
-def test_the_force_is_foretold_at_any_temperature_and_said_where_beyond(fit: Fit, tmp_path: Path) -> None:
+def test_the_force_is_forereported_at_any_temperature_and_reported_where_beyond(fit: Fit, tmp_path: Path) -> None:
     table = {"displacement_m": 0.0, "velocity_m_s": 0.3, "current_A": 1.0, "temperature_degC": [20.0, 45.0, 80.0]}
     predicted = fit.predict(table, band=True)
     for row, degC in ((0, 20.0), (1, 45.0)):
@@ -177,7 +177,7 @@ def test_kelvin_taken_for_degrees_are_refused_with_the_way_out(tests: list[Measu
         identify(kelvin, model="asymmetric", temperature_law="common")
 
 
-def test_what_the_recordings_do_not_tell_is_refused_with_the_way_out(tests: list[Measurement]) -> None:
+def test_what_the_recordings_do_not_determine_is_refused_with_the_way_out(tests: list[Measurement]) -> None:
     unrecorded = [replace(tests[0], temperature_degC=None), *tests[1:]]
     with pytest.raises(IdentificationFailed, match=r"1 of 18 tests have no recorded temperature \(20 degC, 0 A"):
         identify(unrecorded, temperature_law="both")

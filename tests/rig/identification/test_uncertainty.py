@@ -38,8 +38,8 @@ def test_intervals_cover_the_truth_as_often_as_they_say(weight: str, make_synthe
     for seed in range(trials):
         tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0, 2.0), seed=100 + seed)
         found = solve_separable(tests, model("asymmetric"), weighting, start=SHAPE)
-        told = information(FittedModel(model("asymmetric"), found.values, tuple(NAMES)), tests, weighting)
-        errors = np.array([(found.values[name] - DEMO[name]) / told.standard_error(name) for name in NAMES])
+        known_values = information(FittedModel(model("asymmetric"), found.values, tuple(NAMES)), tests, weighting)
+        errors = np.array([(found.values[name] - DEMO[name]) / known_values.standard_error(name) for name in NAMES])
         inside += int(np.sum(np.abs(errors) < quantile()))
         together += bool(np.all(np.abs(errors) < quantile(len(NAMES))))
     assert 0.91 < inside / (trials * len(NAMES)) < 0.985
@@ -52,9 +52,9 @@ def test_few_samples_pay_for_the_parameters_fitted_to_them(make_synthetic: Make)
         tests = make_synthetic(DEMO, (0.0, 2.0), (1.0, 2.0), seed=seed, cycles=1)
         few = [thinned(each, 24) for each in tests]
         assert sum(each.u_m.size for each in few) < 3 * len(NAMES)
-        told, found = known(few), solve_separable(few, model("asymmetric"), start=SHAPE).values
-        errors = np.array([(found[name] - DEMO[name]) / told.standard_error(name) for name in NAMES])
-        inside += int(np.sum(np.abs(errors) < quantile(1, told.freedom)))
+        known_values, found = known(few), solve_separable(few, model("asymmetric"), start=SHAPE).values
+        errors = np.array([(found[name] - DEMO[name]) / known_values.standard_error(name) for name in NAMES])
+        inside += int(np.sum(np.abs(errors) < quantile(1, known_values.freedom)))
     assert inside / (60 * len(NAMES)) > 0.9
 
 
@@ -81,15 +81,15 @@ def test_a_skew_moves_the_estimate_by_what_the_interval_allows(make_synthetic: M
         for test in tests
     ]
     moved = solve_separable(late, model("asymmetric"), start=SHAPE).values["m"] - DEMO["m"]
-    told = known([replace(test, skew_std_s=lag_s) for test in tests]).standard_error("m")
-    assert abs(moved) == pytest.approx(told, rel=0.35)
+    known_values = known([replace(test, skew_std_s=lag_s) for test in tests]).standard_error("m")
+    assert abs(moved) == pytest.approx(known_values, rel=0.35)
 
 
 def test_a_gain_error_widens_each_force_by_its_share(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), noise_N=0.01)
-    told = known(tests, declared=DeclaredErrors(force_gain=0.01))
-    assert told.standard_error("Fyb") == pytest.approx(0.01 * DEMO["Fyb"], rel=0.01)
-    assert told.standard_error("F0") == pytest.approx(0.01 * abs(DEMO["F0"]), rel=0.01)
+    known_values = known(tests, declared=DeclaredErrors(force_gain=0.01))
+    assert known_values.standard_error("Fyb") == pytest.approx(0.01 * DEMO["Fyb"], rel=0.01)
+    assert known_values.standard_error("F0") == pytest.approx(0.01 * abs(DEMO["F0"]), rel=0.01)
     scaled = known(tests, declared=DeclaredErrors(displacement_gain=0.01))
     assert scaled.standard_error("Ca_plus") == pytest.approx(0.01 * DEMO["Ca_plus"], rel=0.2)
 
@@ -112,13 +112,13 @@ def test_more_cycles_of_the_same_misfit_do_not_narrow_the_intervals(make_synthet
     def errors(cycles: int) -> np.ndarray:
         tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), cycles=cycles, noise_N=0.1)
         curved = [replace(test, force_N=test.force_N + 900.0 * test.v_m_s**3) for test in tests]
-        told = known(curved)
-        return np.array([told.standard_error(name) for name in NAMES])
+        known_values = known(curved)
+        return np.array([known_values.standard_error(name) for name in NAMES])
 
     assert errors(24) == pytest.approx(errors(6), rel=0.25)
 
 
-def test_a_parameter_off_the_solution_is_told_by_how_much(make_synthetic: Make) -> None:
+def test_a_parameter_off_the_solution_is_reported_by_how_much(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
     found = solve_separable(tests, model("asymmetric"), start=SHAPE).values
     beside = FittedModel(model("asymmetric"), {**found, "F0": found["F0"] + 3.0}, tuple(NAMES))

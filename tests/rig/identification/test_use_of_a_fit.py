@@ -47,14 +47,14 @@ def test_the_force_of_a_table_is_the_dampers_within_its_band_where_it_was_tested
     current = 1.0 + 0.9 * np.sin(3.0 * TIME_S)
     table = pd.DataFrame({"displacement_m": u + 0.004, "velocity_m_s": v, "current_A": current}, TIME_S)
     table.index.name = "time_s"
-    told = fit.predict(table, mid_stroke_m=0.004)
+    predicted = fit.predict(table, mid_stroke_m=0.004)
     truth = by_hand(u, v, a, current)
-    assert told.index.equals(table.index)
-    inside = (told["low_N"] < truth) & (truth < told["high_N"])
+    assert predicted.index.equals(table.index)
+    inside = (predicted["low_N"] < truth) & (truth < predicted["high_N"])
     assert inside.mean() > 0.995
-    assert (told["high_N"] - told["low_N"]).between(18.0, 21.0).all()  # 5 N of noise: 2 x 1.96 x 5
-    assert not told["extrapolates"].any()
-    assert told.attrs["extrapolation"] == ""
+    assert (predicted["high_N"] - predicted["low_N"]).between(18.0, 21.0).all()  # 5 N of noise: 2 x 1.96 x 5
+    assert not predicted["extrapolates"].any()
+    assert predicted.attrs["extrapolation"] == ""
 
 
 def test_a_quantity_that_stands_in_two_columns_is_refused_by_both_names(fit: Fit) -> None:
@@ -76,8 +76,8 @@ def test_a_quantity_that_stands_in_two_columns_is_refused_by_both_names(fit: Fit
 def test_a_row_beyond_the_tests_says_so_and_in_what(fit: Fit) -> None:
     table = {"displacement_m": [0.0, 0.0, 0.08, 0.0], "velocity_m_s": [0.1, 0.9, 0.1, -0.1],
              "current_A": [1.0, 1.0, 2.5, 1.0], "temperature_degC": [np.nan, np.nan, np.nan, np.nan]}  # fmt: skip
-    told = fit.predict(table)
-    assert list(told["extrapolates"]) == [True] * 4  # no test recorded a temperature, and one is given
+    predicted = fit.predict(table)
+    assert list(predicted["extrapolates"]) == [True] * 4  # no test recorded a temperature, and one is given
     cool = fit.predict({name: values for name, values in table.items() if name != "temperature_degC"})
     assert list(cool["beyond"]) == ["", "velocity_m_s", "displacement_m current_A", ""]
     assert "velocity_m_s in 1 of 4 rows" in cool.attrs["extrapolation"]
@@ -88,7 +88,7 @@ def test_a_row_beyond_the_tests_says_so_and_in_what(fit: Fit) -> None:
         "", "velocity_m_s", "displacement_m current_A", "temperature_degC"]  # fmt: skip
 
 
-def test_everything_wrong_with_a_table_is_said_at_once(fit: Fit) -> None:
+def test_everything_wrong_with_a_table_is_reported_at_once(fit: Fit) -> None:
     with pytest.raises(FileProblem) as caught:
         fit.predict(pd.DataFrame({"velocity_m_s": [0.1, np.nan], "current": ["one", "two"]}))
     assert len(caught.value.problems) == 3
@@ -111,12 +111,12 @@ def test_a_simulation_carries_the_states_on_as_a_much_finer_plant_does(name: str
     u, v = 0.02 * np.sin(omega * fine_s), 0.02 * omega * np.cos(omega * fine_s)
     truth = damper.force(values, u, v, -(omega**2) * u, 1.0, 1e-4)
     rows = slice(0, None, 20)
-    told = fitted.simulate(fine_s[rows], u[rows], 1.0, velocity_m_s=v[rows])
-    assert np.max(np.abs(told["force_N"] - truth[rows])) < 2e-3 * np.max(np.abs(truth))
-    assert [column for column in told if column.startswith("state_")] == [
+    predicted = fitted.simulate(fine_s[rows], u[rows], 1.0, velocity_m_s=v[rows])
+    assert np.max(np.abs(predicted["force_N"] - truth[rows])) < 2e-3 * np.max(np.abs(truth))
+    assert [column for column in predicted if column.startswith("state_")] == [
         f"state_{k + 1}" for k in range(damper.states)
     ]
-    state = told[[f"state_{k + 1}" for k in range(damper.states)]].to_numpy()
+    state = predicted[[f"state_{k + 1}" for k in range(damper.states)]].to_numpy()
     answer = fitted.inverse(truth[rows], v[rows], u[rows], state=state, acceleration_m_s2=-(omega**2) * u[rows])
     sure = answer["attainable"].to_numpy() & answer["resolvable"].to_numpy()
     assert sure.mean() > 0.2
@@ -131,17 +131,17 @@ def test_the_inverse_gives_the_current_of_the_damper_and_its_band_holds_it(fit: 
     current = 1.0 + 0.9 * np.sin(7.0 * TIME_S)
     measured = by_hand(u, v, a, current) + rng.normal(0.0, 5.0, u.size)
     answer = fit.inverse(measured, v, u, acceleration_m_s2=a)
-    told = (answer["attainable"] & answer["resolvable"]).to_numpy()
-    assert told.mean() > 0.85
-    error = (answer["current_A"].to_numpy() - current)[told]
+    predicted = (answer["attainable"] & answer["resolvable"]).to_numpy()
+    assert predicted.mean() > 0.85
+    error = (answer["current_A"].to_numpy() - current)[predicted]
     assert math.sqrt(np.mean(error**2)) < 0.03 * 2.0
     held = (answer["low_A"].to_numpy() <= current) & (current <= answer["high_A"].to_numpy())
-    assert 0.92 < held[told].mean() < 0.99
+    assert 0.92 < held[predicted].mean() < 0.99
     slow = np.abs(v) < 1e-3
     assert not answer["resolvable"].to_numpy()[slow & (np.abs(u) < 1e-3)].any()
 
 
-def test_a_force_that_no_current_gives_is_said_and_the_nearest_taken(fit: Fit) -> None:
+def test_a_force_that_no_current_gives_is_reported_and_the_nearest_taken(fit: Fit) -> None:
     answer = fit.inverse([1e4, -1e4], 0.2)
     assert list(answer["attainable"]) == [False, False]
     assert answer["current_A"].tolist() == pytest.approx([2.0, 0.0], abs=1e-4)
@@ -179,7 +179,7 @@ def test_the_exported_table_gives_the_dampers_current_for_a_force_and_says_what_
     assert "current_A 0 to 2" in head[1]
 
 
-def test_what_is_no_number_is_named_by_row_when_a_current_is_asked_for(fit: Fit, make_synthetic: Make) -> None:
+def test_what_is_no_number_is_named_by_row_when_a_current_is_requested(fit: Fit, make_synthetic: Make) -> None:
     with pytest.raises(FileProblem) as raised:
         fit.inverse([100.0, math.nan], [math.inf, 0.1])
     assert [line.split(":")[0] for line in raised.value.problems] == [
@@ -204,25 +204,25 @@ def test_a_controller_tracks_a_force_through_the_coils_lag(fit: Fit) -> None:
     lagging = replace(fit, parameters={**fit.parameters, "eta": eta})
     controller = lagging.controller(0.002, limits_A=(0.0, 4.0))
     u, v, a = motion()
-    wanted = by_hand(u, v, a, 1.0 + 0.6 * np.sin(4.0 * TIME_S))
-    coil, given, told = 0.0, [], []
+    expected = by_hand(u, v, a, 1.0 + 0.6 * np.sin(4.0 * TIME_S))
+    coil, given, predicted = 0.0, [], []
     command = 0.0
     for k in range(TIME_S.size):
         coil += (1.0 - math.exp(-25.0 * 0.002)) * (command - coil)  # equation (9), exact for a held command
         given.append(float(by_hand(u[k : k + 1], v[k : k + 1], a[k : k + 1], np.array([coil]))[0]))
-        step = controller.step(float(wanted[k]), float(u[k]), float(v[k]), float(a[k]))
-        told.append(step.attainable and step.resolvable and step.follows)
+        step = controller.step(float(expected[k]), float(u[k]), float(v[k]), float(a[k]))
+        predicted.append(step.attainable and step.resolvable and step.follows)
         assert step.coil_A == pytest.approx(coil, abs=1e-9)
         command = step.command_A
-    good = np.array(told[:-1])
-    error = (np.array(given) - wanted)[1:][good]
+    good = np.array(predicted[:-1])
+    error = (np.array(given) - expected)[1:][good]
     assert good.mean() > 0.8
-    assert math.sqrt(np.mean(error**2)) < 0.05 * np.max(np.abs(wanted))
+    assert math.sqrt(np.mean(error**2)) < 0.05 * np.max(np.abs(expected))
 
 
 @pytest.mark.parametrize("given", ["force_N", "displacement_m", "velocity_m_s", "acceleration_m_s2"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_controller_refuses_what_is_no_number_and_goes_on_as_if_it_had_not_been_asked(
+def test_a_controller_refuses_what_is_no_number_and_goes_on_as_if_it_had_not_been_requested(
     fit: Fit, given: str, value: float
 ) -> None:
     at_rest = {"velocity_m_s": 0.1, "acceleration_m_s2": 0.0}
@@ -237,13 +237,13 @@ def test_a_controller_refuses_what_is_no_number_and_goes_on_as_if_it_had_not_bee
 
 
 def test_a_controller_says_when_its_step_lies_beyond_the_tests(fit: Fit) -> None:
-    def beyond(wanted_A: float, velocity_m_s: float = 0.2, only_at_A: tuple[float, ...] = ()) -> bool:
+    def beyond(target_A: float, velocity_m_s: float = 0.2, only_at_A: tuple[float, ...] = ()) -> bool:
         assert fit.tested is not None
         tested = replace(fit.tested, current_A=(0.5, 2.0), only_at_A=only_at_A)
-        u, v, a, current = (np.array([value]) for value in (0.01, velocity_m_s, 0.0, wanted_A))
+        u, v, a, current = (np.array([value]) for value in (0.01, velocity_m_s, 0.0, target_A))
         controller = replace(fit, tested=tested).controller(0.002)
         step = controller.step(float(by_hand(u, v, a, current)[0]), 0.01, velocity_m_s)
-        assert step.wanted_A == pytest.approx(wanted_A, abs=0.02)
+        assert step.target_A == pytest.approx(target_A, abs=0.02)
         return step.extrapolates
 
     assert not beyond(1.0), "that no test ran at 0 A says nothing of 1 A"
@@ -265,10 +265,10 @@ def test_a_fit_per_current_predicts_between_its_currents(make_synthetic: Make) -
     tests = make_synthetic(DEMO, currents_A=(0.0, 1.0, 2.0), frequencies_Hz=(0.5, 1.0, 2.0))
     related = identify(tests, current="per-current-affine")
     u, v, a = motion(1.0)
-    told = related.predict({"time_s": TIME_S, "displacement_m": u, "velocity_m_s": v, "current_A": 1.5})
+    predicted = related.predict({"time_s": TIME_S, "displacement_m": u, "velocity_m_s": v, "current_A": 1.5})
     truth = by_hand(u, v, a, np.full(u.size, 1.5))
     away = np.abs(u) > 1e-3
-    assert np.max(np.abs(told["force_N"] - truth)[away]) < 10.0
+    assert np.max(np.abs(predicted["force_N"] - truth)[away]) < 10.0
     answer = related.inverse(truth, v, u, acceleration_m_s2=a)
     sure = answer["resolvable"].to_numpy() & away
     assert np.max(np.abs(answer["current_A"] - 1.5)[sure]) < 0.06
@@ -314,9 +314,9 @@ def test_a_fit_of_an_earlier_version_knows_no_range_and_says_so(fit: Fit, tmp_pa
     del content["tested"], content["formula"]
     written.write_text(json.dumps(content))
     old = Fit.load(written)
-    told = old.predict({"displacement_m": 0.0, "velocity_m_s": 0.1, "current_A": 1.0})
-    assert told["extrapolates"].all()
-    assert told["low_N"].isna().all()
+    predicted = old.predict({"displacement_m": 0.0, "velocity_m_s": 0.1, "current_A": 1.0})
+    assert predicted["extrapolates"].all()
+    assert predicted["low_N"].isna().all()
     with pytest.raises(IdentificationFailed, match="the tested currents"):
         old.inverse(100.0, 0.1)
 

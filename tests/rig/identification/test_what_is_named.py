@@ -43,7 +43,7 @@ def test_several_currents_that_no_coil_takes_are_still_named(make_synthetic: Mak
     assert slugs(tests) == ["units-current"]
 
 
-def test_a_force_that_follows_the_size_of_the_current_is_told_so(make_synthetic: Make) -> None:
+def test_a_force_that_follows_the_size_of_the_current_is_reported_so(make_synthetic: Make) -> None:
     tests = made(make_synthetic, (1.0, 0.5, 0.0, 1.5, 2.0))
     signed = [
         replace(test, current_A=-test.current_A, nominal_current_A=-test.nominal_current_A)
@@ -56,7 +56,7 @@ def test_a_force_that_follows_the_size_of_the_current_is_told_so(make_synthetic:
     assert "as positive values" in named[0].next
 
 
-def test_what_a_model_lacks_over_speed_is_not_called_two_dampers(make_synthetic: Make) -> None:
+def test_what_a_model_does_not_have_over_speed_is_not_called_two_dampers(make_synthetic: Make) -> None:
     """The force of an orifice grows with the square of the speed; the fastest tests lie apart from the others."""
     tests = [
         replace(test, force_N=test.force_N + 4000.0 * test.v_m_s * np.abs(test.v_m_s)) for test in made(make_synthetic)

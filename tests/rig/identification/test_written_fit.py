@@ -34,7 +34,7 @@ def test_a_fit_says_its_equation_and_the_name_of_its_intervals() -> None:
     assert written["interval"] == INTERVAL
 
 
-def test_a_folder_in_which_one_campaign_lies_stands_for_it_and_one_with_two_is_refused(tmp_path: Path) -> None:
+def test_a_folder_in_which_one_campaign_lies_replaces_it_and_one_with_two_is_refused(tmp_path: Path) -> None:
     assert CampaignFolder.found(tmp_path).path == tmp_path
     (tmp_path / "one" / "points").mkdir(parents=True)
     assert CampaignFolder.found(tmp_path).path == tmp_path / "one"

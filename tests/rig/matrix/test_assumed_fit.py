@@ -11,7 +11,7 @@ import pytest
 
 from rig import dampers
 from rig.bench.model import Bench
-from rig.campaign.kept_files import keep_matrix
+from rig.campaign.file_copies import keep_matrix
 from rig.campaign.preflight.proof_move import expected_signature
 from rig.campaign.results import CampaignOptions
 from rig.campaign.resume import same_matrix
@@ -58,7 +58,7 @@ def bench(folder: Path) -> Bench:
     return Bench.load(bench_file(folder))
 
 
-def said(folder: Path, text: str = TEXT) -> str:
+def message(folder: Path, text: str = TEXT) -> str:
     with pytest.raises(FileProblem) as refused:
         load(folder, text)
     return "\n".join(refused.value.problems)
@@ -72,16 +72,16 @@ def test_a_fit_that_found_a_set_s_numbers_forecasts_what_the_set_does(tmp_path: 
     found = []
     for text in (TEXT + more, TEXT.replace("fit.json", "demo") + more):
         matrix = load(tmp_path, text)
-        judged = plan(matrix, rig)
-        assert judged.feasible, judged.points
+        planned = plan(matrix, rig)
+        assert planned.feasible, planned.points
         assert matrix.hybrid is not None
         assumed = matrix.specimen.assumed
         assert assumed is not None
-        (hybrid,) = (item.point for item in judged.points if item.point.id == "hybrid-model")
+        (hybrid,) = (item.point for item in planned.points if item.point.id == "hybrid-model")
         order = matrix.hybrid.order(hybrid, assumed, rig, (-0.05, 0.08)).to_json()
         found.append((
-            [(item.point, item.predicted_force_N, item.energy_J) for item in judged.points], order,
-            expected_signature(matrix.specimen, 2e-3, 0.01), judged.prediction, judged.warnings,
+            [(item.point, item.predicted_force_N, item.energy_J) for item in planned.points], order,
+            expected_signature(matrix.specimen, 2e-3, 0.01), planned.prediction, planned.warnings,
         ))
     assert found[0][:3] == found[1][:3]
     assert [one[3] for one in found] == ["from the fit fit.json", "from the parameter set demo"]
@@ -146,7 +146,7 @@ def test_the_place_of_a_fit_does_not_count_its_content_does(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "reported"),
     [
         ({"parameters": None}, "parameters: got None, expected an object"),
         ({"parameters": {"Ca_plus": 3.0}}, "parameters.Ca_plus: got 3.0, expected an object"),
@@ -157,32 +157,34 @@ def test_the_place_of_a_fit_does_not_count_its_content_does(tmp_path: Path) -> N
         ({"current": {"dependence": "per-current-affine"}, "parameters": {}}, "identify the run again with --current"),
     ],
 )
-def test_what_is_no_damper_is_refused_with_line_and_reason(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+def test_what_is_no_damper_is_refused_with_line_and_reason(
+    tmp_path: Path, changes: dict[str, Any], reported: str
+) -> None:
     a_fit(tmp_path / "fit.json", **changes)
-    found = said(tmp_path)
+    found = message(tmp_path)
     line = TEXT.splitlines().index(next(line for line in TEXT.splitlines() if "prior =" in line)) + 1
-    assert re.search(rf"line {line}: specimen\.prior.*fit\.json: .*{told}", found), found
+    assert re.search(rf"line {line}: specimen\.prior.*fit\.json: .*{reported}", found), found
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"{", b"\xff\xfe", b'{"model": 1}', b"time_s,force_N\n0,1\n"])
 def test_what_is_no_fit_file_at_all_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "fit.json").write_bytes(content)
-    assert "specimen.prior" in said(tmp_path)
+    assert "specimen.prior" in message(tmp_path)
     with pytest.raises(FileProblem):
         fitted_damper(str(tmp_path / "fit.json"), 0)
 
 
-def test_every_wrong_number_of_a_fit_is_told_together_with_what_else_is_wrong(tmp_path: Path) -> None:
+def test_every_wrong_number_of_a_fit_is_reported_together_with_what_else_is_wrong(tmp_path: Path) -> None:
     a_fit(tmp_path / "fit.json", {"Ca_plus": "900", "F0": float("nan"), "Ka": True})
-    found = said(tmp_path, TEXT.replace('mass = "600 kg"', 'mass = "-6 kg"'))
+    found = message(tmp_path, TEXT.replace('mass = "600 kg"', 'mass = "-6 kg"'))
     for key in ("parameters.Ca_plus.value", "parameters.F0.value", "parameters.Ka.value", "hybrid.car.body.mass"):
         assert key in found, found
     a_fit(tmp_path / "fit.json", {"Ca_minus": None})
-    assert "Ca_minus" in said(tmp_path, TEXT)
+    assert "Ca_minus" in message(tmp_path, TEXT)
 
 
 def test_an_unknown_name_says_that_a_file_ends_in_json(tmp_path: Path) -> None:
-    found = said(tmp_path, TEXT.replace("fit.json", "demmo"))
+    found = message(tmp_path, TEXT.replace("fit.json", "demmo"))
     assert "did you mean demo?" in found
     assert ".json" in found
 
@@ -195,12 +197,12 @@ def test_the_law_inverse_wants_a_damper_whose_force_rises_with_the_current(tmp_p
     of_current = [name for name in demo if name.removesuffix("_plus").removesuffix("_minus") in {"Cb", "Kb", "Fyb"}]
     assert len(of_current) == 4
     a_fit(tmp_path / "fit.json", dict.fromkeys(of_current, 0.0))
-    found = said(tmp_path, text)
+    found = message(tmp_path, text)
     assert re.search(r"hybrid\.law.*inverse.*the fit fit\.json.*at 0\.1 m/s", found), found
     assert load(tmp_path, TEXT).points(), "a passive test needs no current"
 
 
-def test_the_plan_says_where_a_fit_is_asked_beyond_its_tests(tmp_path: Path) -> None:
+def test_the_plan_says_where_a_fit_is_requested_beyond_its_tests(tmp_path: Path) -> None:
     a_fit(
         tmp_path / "fit.json", adequate=False,
         tested=TESTED | {"displacement_m": [-0.001, 0.0005], "velocity_m_s": [-0.05, 0.04], "current_A": [0.0, 0.5]},
@@ -213,7 +215,7 @@ def test_the_plan_says_where_a_fit_is_asked_beyond_its_tests(tmp_path: Path) -> 
     assert any("does not fit its own tests" in warning for warning in warnings), warnings
 
 
-def test_a_world_s_damper_is_the_fitted_one(tmp_path: Path) -> None:
+def test_a_scenario_s_damper_is_the_fitted_one(tmp_path: Path) -> None:
     own = {**dampers.parameter_set("demo-lugre").values, "kv": 777.0}
     (tmp_path / "fit.json").write_text(json.dumps({
         "model": "lugre", "hysteresis": "kwok", "parameters": {name: {"value": value} for name, value in own.items()},

@@ -36,8 +36,8 @@ def bench(folder: Path, register_map: str = "demo-streamed", poll: str = "10 ms"
 
 def reasons(folder: Path, text: str, **of_bench: str) -> dict[str, set[str]]:
     """Slugs of what speaks against each point."""
-    judged = plan(load(folder, text), bench(folder, **of_bench))
-    return {item.point.id: {cause.slug for cause in item.causes} for item in judged.points}
+    planned = plan(load(folder, text), bench(folder, **of_bench))
+    return {item.point.id: {cause.slug for cause in item.causes} for item in planned.points}
 
 
 def test_each_compensator_is_one_point_of_the_whole_length(tmp_path: Path) -> None:
@@ -93,9 +93,9 @@ def test_the_plan_judges_a_law_by_its_most_current(tmp_path: Path) -> None:
 def test_a_law_needs_a_current_source_on_can(tmp_path: Path) -> None:
     rig = bench(tmp_path)
     rig = rig.model_copy(update={"ecu": dataclasses.replace(rig.ecu, by_hand=True)})
-    judged = plan(load(tmp_path, with_laws("groundhook", most_current="0.5 A")), rig).points[0]
-    assert [cause.slug for cause in judged.causes] == ["hybrid"]
-    assert "CAN" in judged.reasons[0]
+    planned = plan(load(tmp_path, with_laws("groundhook", most_current="0.5 A")), rig).points[0]
+    assert [cause.slug for cause in planned.causes] == ["hybrid"]
+    assert "CAN" in planned.reasons[0]
     assert reasons(tmp_path, with_laws("groundhook", most_current="0.5 A"))["hybrid-model-groundhook"] == set()
 
 
@@ -105,11 +105,11 @@ def test_every_wrong_entry_is_named_with_its_line(tmp_path: Path) -> None:
     text = text.replace('compensation = ["model", "none"]', 'compensation = ["modelx"]')
     with pytest.raises(FileProblem) as caught:
         load(tmp_path, text)
-    said = "\n".join(caught.value.problems)
+    message = "\n".join(caught.value.problems)
     for entry in ("hybrid.car.body.mass", "unsprung_mass", "compensation"):
-        assert entry in said
+        assert entry in message
     lines = text.splitlines()
-    assert f"line {lines.index(next(line for line in lines if 'modelx' in line)) + 1}" in said
+    assert f"line {lines.index(next(line for line in lines if 'modelx' in line)) + 1}" in message
 
 
 @pytest.mark.parametrize(
@@ -132,9 +132,9 @@ def test_a_delay_beyond_the_margin_is_refused_with_the_numbers(tmp_path: Path) -
     """Critical: 32 ms. Without compensation 27 ms would act, and 1.25 times that is beyond it; led, half of it."""
     text = EXAMPLE.replace('"25 ms"', '"27 ms"')
     assert reasons(tmp_path, text) == {"hybrid-model": set(), "hybrid-none": {"hybrid-unstable"}}
-    judged = plan(load(tmp_path, EXAMPLE.replace('"25 ms"', '"60 ms"')), bench(tmp_path))
-    assert not judged.feasible
-    for item in judged.points:
+    planned = plan(load(tmp_path, EXAMPLE.replace('"25 ms"', '"60 ms"')), bench(tmp_path))
+    assert not planned.feasible
+    for item in planned.points:
         assert [cause.slug for cause in item.causes] == ["hybrid-unstable"]
         assert "32." in item.reasons[0]
         assert "60 ms" in item.reasons[0]
@@ -187,24 +187,24 @@ def test_what_a_hybrid_test_has_not_is_named_where_it_stands_with_the_way_out(
 ) -> None:
     with pytest.raises(FileProblem) as caught:
         load(tmp_path, text)
-    (said,) = caught.value.problems
-    line, where, message = said.split(": ", 2)
-    assert (where, way_out in message) == (place, True), said
+    (output,) = caught.value.problems
+    line, where, message = output.split(": ", 2)
+    assert (where, way_out in message) == (place, True), output
     heading = text.splitlines()[int(line.removeprefix("line ")) - 1]
     assert heading in {f"[{place}]", "[hybrid]"}
 
 
-def test_a_wrong_value_beside_a_needless_table_is_told_with_it(tmp_path: Path) -> None:
+def test_a_wrong_value_beside_a_needless_table_is_reported_with_it(tmp_path: Path) -> None:
     text = EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n").replace('"600 kg"', '"-6 kg"')
     with pytest.raises(FileProblem) as caught:
         load(tmp_path, text)
-    assert [said.split(": ")[1].split(" = ")[0] for said in caught.value.problems] == [
+    assert [message.split(": ")[1].split(" = ")[0] for message in caught.value.problems] == [
         "hybrid.car.body.mass", "hybrid.car.rear"
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("bump", "slug", "said"),
+    ("bump", "slug", "message"),
     [
         ('length = "2 m"\nsides = "right"', "hybrid", "by only 0 mm"),
         ('length = "2 m"\nstart = "9000 m"', "hybrid", "by only 0 mm"),
@@ -212,15 +212,15 @@ def test_a_wrong_value_beside_a_needless_table_is_told_with_it(tmp_path: Path) -
     ],
 )
 def test_a_road_that_never_comes_or_is_over_between_two_steps_is_refused(
-    bump: str, slug: str, said: str, tmp_path: Path
+    bump: str, slug: str, message: str, tmp_path: Path
 ) -> None:
     """20 cm at 20 m/s are 10 ms, one step: the samples stand at the bump's ends, where its height is 0."""
     text = EXAMPLE.replace(SWEEP, f'[hybrid.road.bump]\nheight = "20 mm"\n{bump}\n')
-    judged = plan(load(tmp_path, text), bench(tmp_path)).points[0]
-    assert [(cause.slug, said in cause.text) for cause in judged.causes if cause.slug == slug] == [(slug, True)]
+    planned = plan(load(tmp_path, text), bench(tmp_path)).points[0]
+    assert [(cause.slug, message in cause.text) for cause in planned.causes if cause.slug == slug] == [(slug, True)]
 
 
-def test_what_is_asked_of_the_station_keeps_to_the_machine(tmp_path: Path) -> None:
+def test_what_is_requested_of_the_station_keeps_to_the_machine(tmp_path: Path) -> None:
     matrix, rig = load(tmp_path, EXAMPLE), bench(tmp_path)
     point = matrix.points()[0]
     assert matrix.hybrid is not None
@@ -263,7 +263,7 @@ def test_a_campaign_begun_before_there_were_laws_goes_on_where_the_law_is_the_de
     ("[hybrid]\n", '[hybrid]\nlaw = ["skyhook"]\n'), ("[hybrid]\n", '[hybrid]\nmost_current = "2 A"\n'),
     ('mass = "600 kg"', 'mass = "601 kg"'),
 ])
-def test_it_is_refused_where_anything_else_is_asked_for(tmp_path: Path, change: tuple[str, str]) -> None:
+def test_it_is_refused_where_anything_else_is_requested(tmp_path: Path, change: tuple[str, str]) -> None:
     assert change[0] in EXAMPLE
     with pytest.raises(Refused) as refused:
         same_matrix(described_by(tmp_path, BEFORE_LAWS), load(tmp_path, EXAMPLE.replace(*change)))

@@ -164,11 +164,11 @@ def test_a_motion_that_a_halt_would_take_out_of_its_travel_is_refused_with_all_t
     amplitude_m, frequency_Hz, mid_m, halt = 0.058, 2.0, 0.02, 4.0
     bench = halting(halt)
 
-    def judged(amplitude_m: float, mid_m: float, bench: Bench) -> PlannedPoint:
+    def planned(amplitude_m: float, mid_m: float, bench: Bench) -> PlannedPoint:
         text = one(f"{amplitude_m} m", f"{frequency_Hz} Hz", waveform=waveform, specimen=f"mid_stroke_m = {mid_m}")
         return plan(text, bench).points[0]
 
-    item = judged(amplitude_m, mid_m, bench)
+    item = planned(amplitude_m, mid_m, bench)
     assert [cause.slug for cause in item.causes] == ["stopping-distance"]
     speed_m_s = item.point.peak_speed_m_s
     share = amplitude_m * halt / speed_m_s**2 if waveform == "sine" else 1.0
@@ -177,11 +177,11 @@ def test_a_motion_that_a_halt_would_take_out_of_its_travel_is_refused_with_all_t
     would_do = re.search(r'halt_deceleration = "([\d.]+) m/s', item.reasons[0])
     assert would_do is not None
     least = float(would_do[1])
-    assert judged(amplitude_m, mid_m, halting(least)).feasible
-    assert not judged(amplitude_m, mid_m, halting(0.95 * least)).feasible
+    assert planned(amplitude_m, mid_m, halting(least)).feasible
+    assert not planned(amplitude_m, mid_m, halting(0.95 * least)).feasible
     assert item.would_fit_m is not None
-    assert judged(item.would_fit_m, mid_m, bench).feasible
-    assert not judged(item.would_fit_m + 5e-5, mid_m, bench).feasible
+    assert planned(item.would_fit_m, mid_m, bench).feasible
+    assert not planned(item.would_fit_m + 5e-5, mid_m, bench).feasible
 
 
 def test_a_centre_that_leaves_a_halt_its_travel_is_named() -> None:
@@ -318,8 +318,8 @@ def test_a_plan_says_where_a_drives_own_stop_in_a_gap_is_harder_than_the_bench_a
     assert plan(streamed, STREAMED).warnings == plan(streamed, DEMO).warnings
     result = plan(streamed, gentle)
     assert result.feasible
-    (said,) = set(result.warnings) - set(plan(streamed, STREAMED).warnings)
-    numbers = [float(number) for number in re.findall(r"([\d.]+) m/s", said)]
+    (message,) = set(result.warnings) - set(plan(streamed, STREAMED).warnings)
+    numbers = [float(number) for number in re.findall(r"([\d.]+) m/s", message)]
     assert numbers == pytest.approx([0.585, 50.7, 30.0, 0.346], rel=0.01)
 
 
@@ -328,11 +328,13 @@ def test_a_plan_says_from_which_frequency_arrival_times_leave_the_skew_suspect()
     unstated = STREAMED.model_copy(update={"actuator": replace(STREAMED.actuator, input_delay_s=None)})
     assert plan(one("15 mm", "1 Hz"), unstated).warnings == plan(one("15 mm", "1 Hz"), STREAMED).warnings == ()
     fast = one("15 mm", "1.2 Hz")
-    (said,) = set(plan(fast, unstated).warnings) - set(plan(fast, STREAMED).warnings)
-    assert re.findall(r"[\d.]+ (?:ms|Hz)", said) == ["2.83 ms", "1.06 Hz", "1.06 Hz"]
-    assert "input_delay" in said
+    (message,) = set(plan(fast, unstated).warnings) - set(plan(fast, STREAMED).warnings)
+    assert re.findall(r"[\d.]+ (?:ms|Hz)", message) == ["2.83 ms", "1.06 Hz", "1.06 Hz"]
+    assert "input_delay" in message
     forceless = STREAMED.model_copy(update={"actuator": replace(STREAMED.actuator, register_map="delta-rmc")})
-    assert any("2 ms" in said and "force input" in said for said in plan(one("15 mm", "2 Hz"), forceless).warnings)
+    assert any(
+        "2 ms" in message and "force input" in message for message in plan(one("15 mm", "2 Hz"), forceless).warnings
+    )
 
 
 def test_a_plan_says_which_settled_current_the_current_source_can_show() -> None:
@@ -344,9 +346,9 @@ def test_a_plan_says_which_settled_current_the_current_source_can_show() -> None
         return [cause.slug for item in result.points for cause in item.causes], result.warnings
 
     assert settled("500 mA", "4 mA")[0] == settled("500 mA", "1 mA")[0] == []
-    assert not any("current_settled" in said for said in settled("500 mA", "4 mA")[1])
-    (said,) = (said for said in settled("500 mA", "1 mA")[1] if "current_settled" in said)
-    assert "4 mA or more" in said
+    assert not any("current_settled" in message for message in settled("500 mA", "4 mA")[1])
+    (message,) = (message for message in settled("500 mA", "1 mA")[1] if "current_settled" in message)
+    assert "4 mA or more" in message
     coarse = replace(DEMO.ecu, interface="slcan", channel="/dev/ttyACM0")
     coarse.__dict__["steps_A"] = (0.001, 0.050)
     bench = DEMO.model_copy(update={"ecu": coarse})
@@ -363,8 +365,8 @@ def test_a_plan_says_where_an_amplitude_that_is_not_adapted_is_not_reached() -> 
     quick = DEMO.model_copy(update=sensors)
     adapted = one("0.2 mm", "25 Hz")
     fixed = adapted.model_copy(update={"sweep": adapted.sweep.model_copy(update={"adapt_amplitude": False})})
-    (said,) = set(plan(fixed, quick).warnings) - set(plan(adapted, quick).warnings)
-    assert "83 %" in said
+    (message,) = set(plan(fixed, quick).warnings) - set(plan(adapted, quick).warnings)
+    assert "83 %" in message
     assert amplitude_hints([item.point for item in plan(one("5 mm", "10 Hz"), quick).points], adapted=False) == ()
 
 
@@ -429,7 +431,7 @@ def test_a_window_that_the_warm_up_cannot_reach_is_refused_with_the_temperature_
 
 
 @pytest.mark.parametrize(("low", "feasible"), [("94 degC", True), ("96 degC", False)])
-def test_what_the_warm_up_reaches_is_judged_without_its_ramps(low: str, feasible: bool) -> None:
+def test_what_the_warm_up_reaches_is_evaluated_without_its_ramps(low: str, feasible: bool) -> None:
     result = windowed(low, "115 degC", 'max_force = "3 kN"', 'heat_loss = "10 W/K"')
     held_degC = 23.0 + 4.0 * 0.04 * 3000.0 * 1.5 / 10.0
     assert held_degC == pytest.approx(95.0)
@@ -484,16 +486,16 @@ def test_a_current_step_shorter_than_the_coil_settles_is_refused(hold: str, allo
 
 def test_a_plan_asks_once_how_the_controller_is_given_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     """And another controller in the same table's place is asked for itself."""
-    asked: list[str] = []
+    requested: list[str] = []
 
     def made(name: str, connection: ActuatorConnection) -> Actuator:
-        asked.append(name)
+        requested.append(name)
         return make_actuator(name, connection)
 
     monkeypatch.setattr("rig.bench.settings.make_actuator", made)
     bench, matrix = Bench.load(EXAMPLES / "demo-bench.toml"), load_matrix(EXAMPLES / "table1.toml")
     assert len(plan(matrix, bench).points) == 20
-    assert asked == ["demo"]
+    assert requested == ["demo"]
     assert bench.actuator.setpoints_s is None
     streamed = replace(bench.actuator, register_map="demo-streamed", poll_s=0.02)
     assert streamed.setpoints_s == 0.02

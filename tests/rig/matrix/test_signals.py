@@ -11,7 +11,7 @@ import pytest
 
 from rig.bench.model import Bench
 from rig.campaign.execution.action_executor import signal_order
-from rig.campaign.kept_files import keep_matrix
+from rig.campaign.file_copies import keep_matrix
 from rig.cli.run import following
 from rig.cli.tables import PlanText
 from rig.errors import FileProblem
@@ -57,11 +57,11 @@ def planned(folder: Path, text: str, drive: str | None = None, **of_bench: str) 
     return plan(load(folder, text, drive), bench(folder, **of_bench))
 
 
-def test_a_signal_is_told_by_its_name_its_reach_and_its_time_not_by_a_frequency(tmp_path: Path) -> None:
+def test_a_signal_is_reported_by_its_name_its_reach_and_its_time_not_by_a_frequency(tmp_path: Path) -> None:
     more = 'current = ["1 A"]\namplitude = ["5 mm"]\nfrequency = ["1 Hz"]\n'
     text = matrix_of("sine", "sweep", "road", "file", more=more) + SWEEP + ROAD + FILE
-    told = [point.described for point in load(tmp_path, text, rows()).points()]
-    assert told == [
+    reported = [point.described for point in load(tmp_path, text, rows()).points()]
+    assert reported == [
         "sine 5 mm 1 Hz 1 A", "sweep up to 10 mm for 10 s, 1 A", "road bump up to 10 mm for 6 s, 1 A",
         "road paper-sweep up to 10 mm for 6 s, 1 A", "file drive up to 12 mm for 5 s, 1 A",
     ]  # fmt: skip
@@ -111,7 +111,7 @@ def test_a_known_damper_says_force_and_heat(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "of_bench", "slug", "said"),
+    ("text", "of_bench", "slug", "message"),
     [
         (SWEEP, {"speed": '"0.2 m/s"'}, "speed", r"speed 0\.\d+ m/s at \d\.\d+ s is above the bench's limit, 0.2 m/s"),
         (SWEEP, {"acceleration": '"3 m/s^2"'}, "acceleration", r"acceleration \d\.\d+ m/s\^2 at \d\.\d+ s is above"),
@@ -122,21 +122,21 @@ def test_a_known_damper_says_force_and_heat(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_the_rig_cannot_do_is_refused_with_numbers(
-    tmp_path: Path, text: str, of_bench: dict[str, str], slug: str, said: str
+    tmp_path: Path, text: str, of_bench: dict[str, str], slug: str, message: str
 ) -> None:
     (item,) = planned(tmp_path, matrix_of("sweep", more='current = ["0 A"]\n') + text, **of_bench).points
     assert slug in {cause.slug for cause in item.causes}
-    assert re.search(said, "; ".join(item.reasons)), item.reasons
+    assert re.search(message, "; ".join(item.reasons)), item.reasons
 
 
-def test_the_amplitude_that_would_fit_is_told(tmp_path: Path) -> None:
+def test_the_amplitude_that_would_fit_is_reported(tmp_path: Path) -> None:
     text = matrix_of("sweep", more='current = ["0 A"]\n') + SWEEP
     (item,) = planned(tmp_path, text, speed='"0.1 m/s"').points
     share = 0.1 / item.peaks.speed_m_s
     assert item.would_fit_m == pytest.approx(share * item.point.amplitude_m, abs=1e-5)
 
 
-def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) -> None:
+def test_a_jump_in_a_file_is_faster_than_the_rig_and_reported_where(tmp_path: Path) -> None:
     drive = rows().replace("\n2.5000,0.000000", "\n2.5000,30.000000")
     assert "30.0" in drive
     (item,) = planned(tmp_path, matrix_of("file", more='current = ["0 A"]\n') + FILE, drive).points
@@ -145,7 +145,7 @@ def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("drive", "said"),
+    ("drive", "message"),
     [
         ("", "is empty"),
         ("t,x\n0,1\n", "no column for time"),
@@ -163,30 +163,32 @@ def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) 
         ("time_s,displacement_mm\n" + "".join(f"{k / 10},5\n" for k in range(50)), "motion between the ramps"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_no_motion_is_refused_with_its_line(tmp_path: Path, drive: str, said: str) -> None:
+def test_a_file_that_is_no_motion_is_refused_with_its_line(tmp_path: Path, drive: str, message: str) -> None:
     with pytest.raises(FileProblem) as caught:
         load(tmp_path, matrix_of("file") + FILE, drive)
-    told = "\n".join(caught.value.problems)
-    assert re.search(said, told), told
-    assert "matrix.file.file[1]" in told
+    reported = "\n".join(caught.value.problems)
+    assert re.search(message, reported), reported
+    assert "matrix.file.file[1]" in reported
 
 
 def test_other_columns_may_hold_anything_that_stands_in_quotes(tmp_path: Path) -> None:
     plain = rows().splitlines()
     noted = [f'{plain[0]},note'] + [f'{line},"cold, new oil"' for line in plain[1:]]
     text = matrix_of("file") + FILE
-    told = [load(tmp_path, text, "\n".join(lines)).points()[0].record for lines in (plain, noted)]
-    assert told[0] is not None
-    assert told[1] is not None
-    assert told[0].mark == told[1].mark
+    reported = [load(tmp_path, text, "\n".join(lines)).points()[0].record for lines in (plain, noted)]
+    assert reported[0] is not None
+    assert reported[1] is not None
+    assert reported[0].mark == reported[1].mark
 
 
-@pytest.mark.parametrize(("made", "said"), [("nothing", "no such file"), ("pipe", "is a pipe, not a file")])
-def test_a_road_whose_record_is_missing_or_a_pipe_is_refused_at_its_line(tmp_path: Path, made: str, said: str) -> None:
+@pytest.mark.parametrize(("made", "message"), [("nothing", "no such file"), ("pipe", "is a pipe, not a file")])
+def test_a_road_whose_record_is_missing_or_a_pipe_is_refused_at_its_line(
+    tmp_path: Path, made: str, message: str
+) -> None:
     if made == "pipe":
         os.mkfifo(tmp_path / "track.csv")
     (tmp_path / "own.toml").write_text('format = 1\nspeed = "9 m/s"\nname = "x"\n[profile]\nfile = "track.csv"\n')
-    with pytest.raises(FileProblem, match=rf"matrix\.road\.road\[2\].*{said}"):
+    with pytest.raises(FileProblem, match=rf"matrix\.road\.road\[2\].*{message}"):
         load(tmp_path, matrix_of("road") + ROAD.replace("paper-sweep", "own.toml"))
 
 
@@ -223,7 +225,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (matrix_of("sweep"), r"matrix.waveform.* requires a table \[matrix.sweep\]"),
         (matrix_of("sine") + SWEEP, "matrix.sweep: the table is not used"),
@@ -236,10 +238,10 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         (matrix_of("sweeps"), "did you mean sweep"),
     ],
 )  # fmt: skip
-def test_every_wrong_entry_has_its_place_and_a_way_out(tmp_path: Path, text: str, said: str) -> None:
+def test_every_wrong_entry_has_its_place_and_a_way_out(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(FileProblem) as caught:
         load(tmp_path, text)
-    assert re.search(said, "\n".join(caught.value.problems)), caught.value.problems
+    assert re.search(message, "\n".join(caught.value.problems)), caught.value.problems
 
 
 def test_the_copy_in_a_campaign_needs_nothing_beside_it_and_is_the_same_matrix(tmp_path: Path) -> None:
@@ -268,13 +270,15 @@ def test_the_copy_in_a_campaign_needs_nothing_beside_it_and_is_the_same_matrix(t
 
 
 def test_the_example_fits_the_bench_that_follows(tmp_path: Path) -> None:
-    judged = plan(load_matrix(ROOT / "examples" / "signals.toml"), bench(tmp_path))
-    assert judged.feasible
-    assert [item.point.waveform for item in judged.points] == ["sine"] * 2 + ["sweep"] * 2 + ["road"] * 2 + ["file"] * 2
+    planned = plan(load_matrix(ROOT / "examples" / "signals.toml"), bench(tmp_path))
+    assert planned.feasible
+    assert [item.point.waveform for item in planned.points] == ["sine"] * 2 + ["sweep"] * 2 + ["road"] * 2 + [
+        "file"
+    ] * 2
 
 
 @pytest.mark.parametrize(
-    ("matrix", "given", "usual", "told"),
+    ("matrix", "given", "usual", "reported"),
     [
         ("signals.toml", (), True, ("--actuator=setpoints",)),
         ("signals.toml", ("--actuator", "rtu"), True, ("--actuator", "rtu")),
@@ -283,6 +287,6 @@ def test_the_example_fits_the_bench_that_follows(tmp_path: Path) -> None:
     ],
 )
 def test_the_usual_simulated_rig_follows_set_points_where_there_are_signals(
-    matrix: str, given: tuple[str, ...], *, usual: bool, told: tuple[str, ...]
+    matrix: str, given: tuple[str, ...], *, usual: bool, reported: tuple[str, ...]
 ) -> None:
-    assert following(load_matrix(ROOT / "examples" / matrix), given, usual=usual) == told
+    assert following(load_matrix(ROOT / "examples" / matrix), given, usual=usual) == reported

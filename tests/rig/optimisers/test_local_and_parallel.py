@@ -49,7 +49,7 @@ def test_hybrid_leads_any_other_algorithm_with_its_settings(bowl: Bowl) -> None:
     assert found.value < 1e-20
 
 
-def test_hybrid_names_what_an_objective_without_residuals_lacks() -> None:
+def test_hybrid_names_what_an_objective_without_residuals_does_not_have() -> None:
     with pytest.raises(SearchError, match=r"hybrid: Recording has no residuals\(vector\)\. Fix: use 'c_foa'"):
         minimise(Recording(), method="hybrid", budget=100)
 

@@ -27,7 +27,7 @@ class Desk:
     now_ns: int = 0
     running: bool = True
     reached: bool = True
-    said: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    sent: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     closed: int = 0
 
     def __post_init__(self) -> None:
@@ -38,7 +38,7 @@ class Desk:
         self.closed += 1
 
     def _say(self, path: str | Path, message: dict[str, Any]) -> bool:
-        self.said.append((Path(path).name, message))
+        self.sent.append((Path(path).name, message))
         return self.reached
 
     def ask(self, client: Client, **message: object) -> dict[str, Any]:
@@ -57,35 +57,35 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 @pytest.mark.parametrize("client", [ADA, GUEST])
 def test_a_stop_of_anybody_goes_to_station_and_application(desk: Desk, client: Client) -> None:
     assert desk.ask(client, do="stop")["ok"] is True
-    assert [name for name, _ in desk.said] == ["station.sock", "application.sock"]
-    assert {message["do"] for _, message in desk.said} == {"stop"}
+    assert [name for name, _ in desk.sent] == ["station.sock", "application.sock"]
+    assert {message["do"] for _, message in desk.sent} == {"stop"}
 
 
 def test_a_stop_is_taken_from_others_while_somebody_has_control(desk: Desk) -> None:
     desk.ask(ADA, do="lease", name="Ada")
-    desk.said.clear()
+    desk.sent.clear()
     assert desk.ask(BOB, do="stop")["ok"] is True
-    assert len(desk.said) == 2
+    assert len(desk.sent) == 2
 
 
 @pytest.mark.parametrize("do", ["start", "pause", "lease", "words", "release"])
 def test_a_viewer_commands_nothing(desk: Desk, do: str) -> None:
     assert desk.ask(GUEST, do=do, name="Eve", note="x")["refused"] == "viewer"
-    assert desk.said == []
+    assert desk.sent == []
 
 
 @pytest.mark.parametrize("do", ["start", "pause", "words"])
 def test_an_operator_without_the_lease_commands_nothing(desk: Desk, do: str) -> None:
     desk.ask(ADA, do="lease", name="Ada")
-    desk.said.clear()
+    desk.sent.clear()
     assert desk.ask(BOB, do=do, note="x")["refused"] == "no-lease"
-    assert desk.said == []
+    assert desk.sent == []
 
 
 def test_the_holder_commands_under_the_name_typed(desk: Desk) -> None:
     assert desk.ask(ADA, do="lease", name=" Ada\n<b>L</b> ")["ok"] is True
     assert desk.ask(ADA, do="pause")["ok"] is True
-    assert desk.said[-1] == ("application.sock", {"do": "pause", "by": "Ada <b>L</b>"})
+    assert desk.sent[-1] == ("application.sock", {"do": "pause", "by": "Ada <b>L</b>"})
 
 
 def test_one_lease_at_a_time_and_it_waits_a_while_for_a_holder_who_is_gone(desk: Desk) -> None:
@@ -113,24 +113,24 @@ def test_a_second_page_of_the_same_campaign_gives_out_no_second_lease(desk: Desk
 )
 def test_there_is_no_word_that_resets_or_moves(desk: Desk, do: str) -> None:
     desk.ask(ADA, do="lease", name="Ada")
-    desk.said.clear()
+    desk.sent.clear()
     assert desk.ask(ADA, do=do, target_m=0.01, current_A=2.0)["refused"] == "unknown-command"
-    assert desk.said == []
+    assert desk.sent == []
 
 
 @pytest.mark.parametrize("text", ["", "stop", "[]", "null", '{"do": 1}', '{"do": ["stop"]}', b"\xff\xfe", "[" * 4000])
 def test_what_is_no_message_is_refused_and_goes_nowhere(desk: Desk, text: str | bytes) -> None:
     assert desk.commands.take(text, ADA)["refused"] == "bad-message"
-    assert desk.said == []
+    assert desk.sent == []
 
 
 def test_nothing_is_taken_once_the_campaign_has_ended(desk: Desk) -> None:
     desk.ask(ADA, do="lease", name="Ada")
     desk.running = False
-    desk.said.clear()
+    desk.sent.clear()
     assert desk.ask(ADA, do="stop")["refused"] == "not-running"
     assert desk.ask(ADA, do="start")["refused"] == "not-running"
-    assert desk.said == []
+    assert desk.sent == []
 
 
 def test_a_lease_ends_with_its_campaign_and_is_none_of_the_next_ones(desk: Desk, tmp_path: Path) -> None:
@@ -147,13 +147,13 @@ def test_a_current_set_by_hand_is_confirmed_by_the_holder_alone(
     desk: Desk, client: Client, refused: str | None
 ) -> None:
     desk.ask(ADA, do="lease", name="Ada")
-    desk.said.clear()
+    desk.sent.clear()
     assert desk.ask(client, do="set", number=3).get("refused") == refused
-    assert desk.said == ([] if refused else [("application.sock", {"do": "set", "by": "Ada", "number": 3})])
+    assert desk.sent == ([] if refused else [("application.sock", {"do": "set", "by": "Ada", "number": 3})])
     assert desk.ask(ADA, do="set", number="3")["refused"] == "bad-message"
 
 
-def test_a_stop_that_nobody_takes_is_not_said_to_be_taken(desk: Desk) -> None:
+def test_a_stop_that_nobody_takes_is_not_reported_to_be_taken(desk: Desk) -> None:
     desk.reached = False
     assert desk.ask(ADA, do="stop")["refused"] == "not-reached"
 
@@ -173,4 +173,4 @@ def test_the_page_of_a_campaign_that_runs_is_closed_by_nobody(desk: Desk) -> Non
     assert desk.closed == 0
     assert desk.ask(BOB, do="close") == {"do": "close", "ok": True}
     assert desk.closed == 1
-    assert desk.said == [("application.sock", {"do": "words", "by": "Ada", "operator": "Ada"})]
+    assert desk.sent == [("application.sock", {"do": "words", "by": "Ada", "operator": "Ada"})]

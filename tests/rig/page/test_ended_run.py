@@ -39,7 +39,7 @@ def test_the_last_result_says_how_it_ended_however_long_the_journal(tmp_path: Pa
     assert {name: point["verdict"] for name, point in ended.points.items()} == {"p001": "valid", "p002": "not run"}
 
 
-def test_a_session_that_says_nothing_at_its_end_is_cut_off_whatever_the_one_before_said(tmp_path: Path) -> None:
+def test_a_session_that_says_nothing_at_its_end_is_cut_off_whatever_the_one_before_reported(tmp_path: Path) -> None:
     again = {"event": "judged", "id": "p002", "file": "p002.h5", "verdict": "suspect", "reasons": ["skew"]}
     worse = {"event": "judged", "id": "p001", "file": "p001-2.h5", "verdict": "invalid", "reasons": []}
     ended = journal(tmp_path, RESULT, {"event": "connected"}, again, worse)
@@ -107,7 +107,7 @@ def test_a_page_of_a_run_that_is_resumed_twice_follows_it_each_time(tmp_path: Pa
     for session in range(2):
         link = LiveLink(place=tmp_path)
         log = CampaignLog(run)
-        with link.told_of(log):
+        with link.following(log):
             link.display.phase(f"session {session}")
             assert watched.began_or_ended()
             assert not watched.began_or_ended()

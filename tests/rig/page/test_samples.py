@@ -85,9 +85,9 @@ def test_a_loop_is_displacement_its_slope_and_the_force_of_the_same_moment(rate:
         assert force_N == pytest.approx(damping * v_m_s, abs=4.0)
 
 
-def test_a_loop_stays_whole_on_a_rig_that_is_slower_than_asked_and_whose_samples_come_when_they_may() -> None:
-    asked, rate, frame_s = 10.0, 6.0, 0.04
-    frames, points = Frames(asked, 250.0), []
+def test_a_loop_stays_whole_on_a_rig_that_is_slower_than_requested_and_whose_samples_come_when_they_may() -> None:
+    requested, rate, frame_s = 10.0, 6.0, 0.04
+    frames, points = Frames(requested, 250.0), []
     omega, damping, amplitude_m = 2.0 * math.pi, 2000.0, 0.02
     draw = np.random.default_rng(3)
     sent = {DISPLACEMENT: 0, FORCE: 0}
@@ -108,7 +108,7 @@ def test_a_loop_stays_whole_on_a_rig_that_is_slower_than_asked_and_whose_samples
             points += [(x[0], v[1], f[1]) for x, v, f in zip(series[201], series[202], series[203], strict=True)]
     times = [time_s for time_s, _, _ in points]
     assert np.all(np.diff(times) > 0.0)
-    assert times[-1] - times[0] == pytest.approx(149 * frame_s * rate / asked, rel=0.05)
+    assert times[-1] - times[0] == pytest.approx(149 * frame_s * rate / requested, rel=0.05)
     peak_N = damping * amplitude_m * omega
     assert len(points) > 7000
     assert max(abs(force_N - damping * v_m_s) for _, v_m_s, force_N in points) < 0.15 * peak_N

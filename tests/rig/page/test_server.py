@@ -105,9 +105,9 @@ async def answer(connection: ClientConnection, **message: object) -> dict[str, A
     await connection.send(json.dumps(message))
     while True:
         text = await connection.recv()
-        told = json.loads(text) if isinstance(text, str) else {}
-        if told.get("type") == "answer":
-            return dict(told)
+        reported = json.loads(text) if isinstance(text, str) else {}
+        if reported.get("type") == "answer":
+            return dict(reported)
 
 
 async def swallow(connection: ClientConnection) -> None:
@@ -212,18 +212,18 @@ def test_everybody_sees_the_samples_and_anybody_may_stop(rig: Rig) -> None:
     served(rig, do)
     assert received(rig.station) == {"do": "stop", "by": "viewer"}
     assert received(rig.station) is None
-    told = []
+    reported = []
     while (message := received(rig.application)) is not None:
-        told.append(message["do"])
-    assert told == ["words", "stop"]
+        reported.append(message["do"])
+    assert reported == ["words", "stop"]
 
 
 def test_hostile_names_arrive_as_the_text_they_are(rig: Rig) -> None:
     async def do(page: PageServer, access: Access) -> None:
         page.send_changes()
         async with opened(access) as operator:
-            told = [json.loads(await operator.recv()) for _ in range(5)]
-        assert (told[0]["specimen"], told[3]["events"][0]["text"]) == (HOSTILE, HOSTILE)
+            reported = [json.loads(await operator.recv()) for _ in range(5)]
+        assert (reported[0]["specimen"], reported[3]["events"][0]["text"]) == (HOSTILE, HOSTILE)
 
     served(rig, do)
 
@@ -286,7 +286,7 @@ def test_silent_sockets_keep_no_browser_out_and_a_stop_gets_through(rig: Rig) ->
     served(rig, do)
 
 
-def test_a_browser_that_reads_nothing_holds_nobody_up_and_heaps_nothing(rig: Rig) -> None:
+def test_a_browser_that_reads_nothing_does_not_block_and_heaps_nothing(rig: Rig) -> None:
     async def do(page: PageServer, access: Access) -> None:
         async with opened(access, client="reads") as reads, opened(access, client="sleeps") as sleeps:
             sleeps.transport.pause_reading()
@@ -310,12 +310,12 @@ def test_loops_of_recorded_points_are_not_read_beside_a_campaign_that_runs(rig: 
     served(rig, do)
 
 
-def test_a_campaign_that_is_killed_is_told_as_gone(rig: Rig) -> None:
+def test_a_campaign_that_is_killed_is_reported_as_gone(rig: Rig) -> None:
     async def do(page: PageServer, access: Access) -> None:
         page.send_changes()
         async with opened(access) as operator:
-            told = [json.loads(await operator.recv()) for _ in range(5)]
-            assert told[2]["running"] is True
+            reported = [json.loads(await operator.recv()) for _ in range(5)]
+            assert reported[2]["running"] is True
             fcntl.flock(rig.lock, fcntl.LOCK_UN)
             page.send_changes()
             while True:

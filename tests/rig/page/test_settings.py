@@ -9,7 +9,7 @@ import pytest
 from rig.page.settings import PageProblem, PageSettings
 
 
-def test_it_is_served_on_this_machine_alone_unless_told_otherwise() -> None:
+def test_it_is_served_on_this_machine_alone_by_default() -> None:
     assert (PageSettings().host, PageSettings().port, PageSettings().context()) == ("127.0.0.1", 0, None)
     assert (PageSettings("[::1]:8080").host, PageSettings("[::1]:8080").port) == ("[::1]", 8080)
 
@@ -26,7 +26,7 @@ def test_an_address_that_no_browser_opens_is_refused(address: str) -> None:
         PageSettings(address).context()
 
 
-def test_everything_wrong_is_told_at_once(tmp_path: Path) -> None:
+def test_everything_wrong_is_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(PageProblem) as problem:
         PageSettings("rig-pc.lab:99999", cert=str(tmp_path / "no.pem")).context()
     assert len(str(problem.value).splitlines()) == 4

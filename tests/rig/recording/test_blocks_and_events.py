@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import Dialect
-from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.file_formats.table_file import Dialect
 
 ROWS = 600
 T = np.arange(ROWS) * 0.005
@@ -22,9 +22,9 @@ def rows(time_s: np.ndarray = T) -> list[str]:
     return [f"{x:.4f}\t{f:.3f}\t{t:.4f}" for t, x, f in zip(time_s, X_MM, F_N, strict=True)]
 
 
-def read(path: Path, text: str, columns: dict[str, str] | None = None, **said: str) -> list[ImportedTest]:
+def read(path: Path, text: str, columns: dict[str, str] | None = None, **options: str) -> list[ImportedTest]:
     path.write_text(text, encoding="utf-8")
-    return read_tests([path], WantedTests(columns or COLUMNS, 0.5, dialect=Dialect(**said)))  # type: ignore[arg-type]
+    return read_tests([path], ImportSettings(columns or COLUMNS, 0.5, dialect=Dialect(**options)))  # type: ignore[arg-type]
 
 
 def blocks(time_s: np.ndarray, heading: str = HEADING, second: str = HEADING) -> str:

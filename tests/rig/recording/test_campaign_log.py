@@ -75,15 +75,15 @@ def test_a_point_s_context_survives_its_journal_header() -> None:
 
 
 def test_a_header_holds_what_was_stated_of_a_point_by_name_and_nothing_else() -> None:
-    wanted = {
+    expected = {
         "id": "p002", "waveform": "hold", "amplitude_m": 0.0, "frequency_Hz": 0.5, "current_A": 2.0, "cycles": 3,
         "ramp_in_cycles": 1.0, "ramp_out_cycles": 1.0, "centre_m": 0.0, "repeat": 1, "rest_s": 0.0,
         "kind": "current_step", "steps_A": "0 1 2", "commanded_amplitude_m": 0.0, "commanded_centre_m": 0.001,
         "temperature_low_degC": 15.0, "temperature_high_degC": 45.0,
     }
-    context = SyntheticRig().context(point=TestPoint(**point_fields(wanted)), commanded=commanded_of(wanted))
+    context = SyntheticRig().context(point=TestPoint(**point_fields(expected)), commanded=commanded_of(expected))
     header = json.loads(context.to_json())
-    assert list(header["point"].items()) == list(wanted.items())
+    assert list(header["point"].items()) == list(expected.items())
     again = PointContext.from_json(json.dumps(header))
     assert again == context
     assert (again.point.steps_A, again.point.at_rest) == ((0.0, 1.0, 2.0), True)

@@ -61,8 +61,8 @@ def staircase(levels_A: tuple[float, ...], lag_s: float = 0.02) -> tuple[np.ndar
     held = np.array(levels_A)[np.minimum(time_s / HOLD_S, len(levels_A) - 1).astype(int)]
     current_A = np.empty(len(time_s))
     at_A = levels_A[0]
-    for row, wanted_A in enumerate(held):
-        at_A += (wanted_A - at_A) * (1.0 - np.exp(-0.004 / lag_s))
+    for row, target_A in enumerate(held):
+        at_A += (target_A - at_A) * (1.0 - np.exp(-0.004 / lag_s))
         current_A[row] = at_A
     return time_s, current_A
 
@@ -82,14 +82,14 @@ def test_a_wrong_level_is_seen_wherever_it_stands(wrong: int) -> None:
     assert steps_error_A(time_s, current_A, LEVELS_A, HOLD_S) == pytest.approx(0.1, abs=1e-3)
 
 
-def test_holds_of_uneven_length_are_told_apart_by_the_current_itself() -> None:
+def test_holds_of_uneven_length_are_distinguished_by_the_current_itself() -> None:
     time_s, current_A = staircase((0.0, 1.0, 0.3, 2.0))
     uneven_s = np.interp(time_s, [0.0, 0.6, 1.2, 1.8, 2.4], [0.0, 0.55, 1.2, 1.45, 2.4])
     assert steps_error_A(uneven_s, current_A, (0.0, 1.0, 0.3, 2.0), HOLD_S) < 5e-3
     assert steps_error_A(uneven_s, current_A, (0.0, 1.0, 0.4, 2.0), HOLD_S) == pytest.approx(0.1, abs=5e-3)
 
 
-def test_a_hold_cut_short_is_judged_by_the_level_its_current_was_on_its_way_to() -> None:
+def test_a_hold_cut_short_is_evaluated_by_the_level_its_current_was_on_its_way_to() -> None:
     time_s, current_A = staircase((0.0, 1.0, 0.3, 2.0))
     begun = time_s < 3.0 * HOLD_S + 0.1 * HOLD_S + 0.1
     for right_A, low_A, high_A in ((2.0, 0.0, 0.02), (1.9, 0.08, 0.12)):
@@ -147,7 +147,7 @@ def test_a_point_whose_current_sags_over_four_of_ten_cycles_is_invalid() -> None
 
 @pytest.mark.parametrize(("lost", "expected"), [(slice(0, 0), []), (slice(0, 60), ["no-temperature"]),
                                                 (slice(0, None), ["no-temperature"])])
-def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]) -> None:
+def test_a_window_without_a_temperature_is_reported(lost: slice, expected: list[str]) -> None:
     rig = SyntheticRig(cycles=10)
     records, context = rig.records(), rig.context()
     context = replace(context, commanded=Commanded(low_degC=15.0, high_degC=45.0))
@@ -158,24 +158,24 @@ def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]
     assert found.verdict == ("suspect" if expected else "valid")
 
 
-def test_a_current_step_point_is_judged_by_its_own_levels() -> None:
+def test_a_current_step_point_is_evaluated_by_its_own_levels() -> None:
     rig = SyntheticRig(amplitude_m=0.0, cycles=len(LEVELS_A) - 2, frequency_Hz=1.0 / HOLD_S)
     context = rig.context()
-    wanted = replace(context.point, kind="current_step", waveform="hold", steps_A=tuple(LEVELS_A), current_A=2.0)
-    context = replace(context, point=wanted)
+    expected = replace(context.point, kind="current_step", waveform="hold", steps_A=tuple(LEVELS_A), current_A=2.0)
+    context = replace(context, point=expected)
     time_s, current_A = staircase(LEVELS_A)
     records = rig.records()
     frames = records["channel"] == Channel.COIL_CURRENT
     at_s = records["device_us"][frames] * 1e-6 + 42.0 - rig.start_s
 
-    def judged(offset_A: float) -> list[str]:
+    def verdict(offset_A: float) -> list[str]:
         shown_A = np.interp(at_s, time_s, current_A) + offset_A * ((at_s > 2 * HOLD_S) & (at_s < 3 * HOLD_S))
         records["value"][frames] = shown_A
         content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
         return slugs(build(content, context)[1].verdict)
 
-    assert judged(0.0) == []
-    assert judged(0.2) == ["current-tracking"]
+    assert verdict(0.0) == []
+    assert verdict(0.2) == ["current-tracking"]
 
 
 def test_a_current_that_follows_its_commands_late_has_their_mean() -> None:

@@ -83,8 +83,8 @@ def test_a_point_that_was_suspect_for_its_skew_alone_is_valid_once_all_points_kn
     write_points(tmp_path, LAG_S, frequency_Hz=3.0, delay_s=None)
     suspects = {point.id for point in opened(tmp_path) if point.verdict == "suspect"}
     assert suspects
-    told = {finished.id: (finished.verdict, finished.reasons) for finished in retime(tmp_path)}
-    assert {told[name] for name in suspects} == {("valid", ())}
+    verdicts = {finished.id: (finished.verdict, finished.reasons) for finished in retime(tmp_path)}
+    assert {verdicts[name] for name in suspects} == {("valid", ())}
     for point in opened(tmp_path):
         assert (point.verdict, tuple(point.reasons)) == ("valid", ()), point.id
 
@@ -118,8 +118,8 @@ def test_points_that_contradict_each_other_are_not_as_sure_as_each_of_them_alone
     assert max(alone) - min(alone) > 0.8 * LAG_S
     list(retime(tmp_path))
     for point in opened(tmp_path):
-        for wanted_s in (0.0, LAG_S):
-            assert abs(point.skew_s - wanted_s) < 3.0 * point.skew_std_s, point.id
+        for delay_s in (0.0, LAG_S):
+            assert abs(point.skew_s - delay_s) < 3.0 * point.skew_std_s, point.id
     assert list(retime(tmp_path)) == []
 
 
@@ -165,9 +165,9 @@ def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_dela
         assert float(point.test["controller_clock_at_zero_s"]) == pytest.approx(
             float(old.test["controller_clock_at_zero_s"]) - late_s, abs=1e-5
         )
-        wanted = rig.damping * point.velocity_m_s + rig.stiffness * point.displacement_m
+        expected = rig.damping * point.velocity_m_s + rig.stiffness * point.displacement_m
         inside = (point.time_s > 1.0) & (point.time_s < 4.5)
-        assert np.sqrt(np.nanmean((point.force_N - wanted)[inside] ** 2)) < 0.05 * np.ptp(wanted[inside]), point.id
+        assert np.sqrt(np.nanmean((point.force_N - expected)[inside] ** 2)) < 0.05 * np.ptp(expected[inside]), point.id
         assert set(point.quality.attributes) >= set(old.quality.attributes) - {"reasons", "blamed"}
         for name in ("force_noise_N", "force_scatter_N", "phase_deg", "measured_amplitude_m", "free_play_m"):
             assert (name in point.quality.attributes) == (name in old.quality.attributes)
@@ -177,12 +177,12 @@ def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Pat
     write_points(tmp_path, LAG_S)
     before = {point.id: point for point in opened(tmp_path)}
     for point in changed_points(tmp_path):
-        said = point.provenance
-        assert said["rewritten"].startswith("20")
-        assert "all points combined" in said["rewritten_why"]
-        assert said["rewritten_from_force_delay_s"] == before[point.id].quality.force.undeclared_delay_s
-        assert said["rewritten_to_force_delay_s"] == point.quality.force.undeclared_delay_s
-        assert said["journal_check"] == before[point.id].provenance["journal_check"]
+        provenance = point.provenance
+        assert provenance["rewritten"].startswith("20")
+        assert "all points combined" in provenance["rewritten_why"]
+        assert provenance["rewritten_from_force_delay_s"] == before[point.id].quality.force.undeclared_delay_s
+        assert provenance["rewritten_to_force_delay_s"] == point.quality.force.undeclared_delay_s
+        assert provenance["journal_check"] == before[point.id].provenance["journal_check"]
     for point in opened(tmp_path):
         assert ("rewritten" in point.provenance) == (point.provenance != before[point.id].provenance)
 

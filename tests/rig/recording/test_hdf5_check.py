@@ -113,13 +113,13 @@ def test_many_small_bombs_are_refused_together(file: Path) -> None:
 
 
 def test_a_filter_applied_twice_is_refused(file: Path) -> None:
-    wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    wanted.set_chunk((500,))
-    wanted.set_deflate(9)
-    wanted.set_deflate(9)
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_chunk((500,))
+    properties.set_deflate(9)
+    properties.set_deflate(9)
     with h5py.File(file, "a") as opened:
         space, kind = h5py.h5s.create_simple((500,)), h5py.h5t.py_create(np.dtype("f8"))
-        h5py.h5d.create(opened["entry/data"].id, b"velocity", kind, space, dcpl=wanted)
+        h5py.h5d.create(opened["entry/data"].id, b"velocity", kind, space, dcpl=properties)
     assert "duplicate filter refused: [1, 1]" in refused(file)
 
 
@@ -217,7 +217,7 @@ def test_what_is_no_hdf5_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_damaged_files_are_refused_or_read_as_they_were_but_never_crash(file: Path, tmp_path: Path) -> None:
     data, source = file.read_bytes(), random.Random(4)
     true = RecordedPoint.open(file)
-    wanted = true.force_N
+    expected = true.force_N
     caught = 0
     for number in range(150):
         damaged = bytearray(data)
@@ -233,8 +233,8 @@ def test_damaged_files_are_refused_or_read_as_they_were_but_never_crash(file: Pa
         except FileProblem:
             caught += 1
             continue
-        assert len(force) == len(wanted)
-        assert np.all(np.isnan(force)) or np.array_equal(force, wanted)
+        assert len(force) == len(expected)
+        assert np.all(np.isnan(force)) or np.array_equal(force, expected)
     assert caught > 25
 
 

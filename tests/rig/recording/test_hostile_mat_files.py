@@ -14,7 +14,7 @@ import pytest
 from scipy.io import savemat
 
 from rig.errors import FileProblem
-from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 
 HEAD_5 = b"MATLAB 5.0 MAT-file, written by hand".ljust(124) + b"\x00\x01IM"
 HEAD_73 = b"MATLAB 7.3 MAT-file, written by hand".ljust(124) + b"\x00\x02IM"
@@ -24,7 +24,7 @@ COLUMNS = {"time": "t_s", "displacement": "x_m", "force": "F_N"}
 
 
 def read(path: Path) -> ImportedTest:
-    (test,) = read_tests([path], WantedTests(COLUMNS, 0.5))
+    (test,) = read_tests([path], ImportSettings(COLUMNS, 0.5))
     return test
 
 

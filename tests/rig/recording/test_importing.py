@@ -43,7 +43,7 @@ def refused(tmp_path: Path, path: Path, **options: object) -> str:
     return str(caught.value)
 
 
-def test_a_foreign_test_becomes_a_point_in_si_with_measured_amplitude_and_frequency(tmp_path: Path) -> None:
+def test_a_imported_test_becomes_a_point_in_si_with_measured_amplitude_and_frequency(tmp_path: Path) -> None:
     run = Run.open(import_tests([sine_file(tmp_path)], columns=COLUMNS, out=tmp_path / "out",
                                 current_from_name="_(?P<current>[0-9.]+)A", specimen="D 7"))
     (point,) = run.points
@@ -119,7 +119,7 @@ def test_wrong_columns_say_what_would_fit(tmp_path: Path, columns: dict[str, str
     ({"current_from_name": "_([0-9.]+)A"}, "no group"),
     ({"current_from_name": "("}, "regular expression"),
 ])
-def test_a_current_that_cannot_be_told_is_refused(tmp_path: Path, options: dict[str, object], message: str) -> None:
+def test_a_current_that_cannot_be_reported_is_refused(tmp_path: Path, options: dict[str, object], message: str) -> None:
     assert message in refused(tmp_path, sine_file(tmp_path), **options)
 
 
@@ -169,7 +169,7 @@ def test_values_no_damper_test_has_are_refused_with_their_column(tmp_path: Path)
     assert "column 'F:kN', as force, reaches 9e+05 N" in refused(tmp_path, changed(path, 500, "2.490,12.0,900"))
 
 
-def test_a_force_that_stands_still_while_the_rod_moves_is_not_valid(tmp_path: Path) -> None:
+def test_a_force_that_stalls_while_the_rod_moves_is_not_valid(tmp_path: Path) -> None:
     path = sine_file(tmp_path)
     lines = [line.rsplit(",", 1)[0] + ",0.007" for line in path.read_text().splitlines()[1:]]
     path.write_text("\n".join(["t_s,x_mm,F", *lines]) + "\n")

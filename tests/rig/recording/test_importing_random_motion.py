@@ -47,7 +47,7 @@ def test_random_motion_under_a_voltage_becomes_a_valid_point(tmp_path: Path) -> 
     assert "voltage (Y)" in str(point.provenance["current"])
 
 
-def test_an_imported_random_test_is_fitted_and_foretold(tmp_path: Path) -> None:
+def test_an_imported_random_test_is_fitted_and_forereported(tmp_path: Path) -> None:
     run = import_tests([random_file(tmp_path)], columns=COLUMNS, waveform="random", out=tmp_path)
     fit = identify_run([run], model="kwok", holdout="last 30 %")
     assert fit.holdout is not None
@@ -72,7 +72,7 @@ def test_a_temperature_in_kelvin_is_recorded_in_degrees(tmp_path: Path) -> None:
     warm = tmp_path / "warm.csv"
     rows = [f"{line}{295.15 + 0.001 * k:.3f}" for k, line in enumerate(lines[1:])]
     warm.write_text('"t","D","Y","F","oil"\n' + "\n".join(rows) + "\n")
-    wanted = {**COLUMNS, "temperature": "oil:K"}
-    (point,) = Run.open(import_tests([warm], columns=wanted, waveform="random", out=tmp_path / "runs")).points
+    expected = {**COLUMNS, "temperature": "oil:K"}
+    (point,) = Run.open(import_tests([warm], columns=expected, waveform="random", out=tmp_path / "runs")).points
     assert point.channel("coil_temperature")[[0, -1]] == pytest.approx([22.0, 26.999], abs=1e-3)
     assert point.quality.coil_low_degC == pytest.approx(22.0, abs=1e-3)

@@ -64,16 +64,16 @@ def test_each_error_is_named_at_every_point_with_its_number_both_instruments_and
 ) -> None:
     for seed in range(20):
         for reasons in judge(campaign(seed, **wrong)).values():
-            told = [reason for reason in reasons if reason.slug == slug]
-            assert len(told) == 1
-            assert told[0].blamed == "bench"
+            found = [reason for reason in reasons if reason.slug == slug]
+            assert len(found) == 1
+            assert found[0].blamed == "bench"
             shown = 1.0 + number if slug.endswith("gain") else number
             assert any(value == pytest.approx(shown, rel=0.1 if slug in CHANGES else 0.03)
-                       for value in told[0].numbers.values())
-            assert "+-" in told[0].text
-            assert ("LVDT" if "lvdt" in slug or "position" in slug else "load cell") in told[0].text
-            assert "controller's" in told[0].text
-            assert told[0].slug in SLUGS
+                       for value in found[0].numbers.values())
+            assert "+-" in found[0].text
+            assert ("LVDT" if "lvdt" in slug or "position" in slug else "load cell") in found[0].text
+            assert "controller's" in found[0].text
+            assert found[0].slug in SLUGS
 
 
 def test_a_clean_campaign_is_not_doubted_whatever_its_size_and_strength() -> None:
@@ -85,10 +85,10 @@ def test_a_clean_campaign_is_not_doubted_whatever_its_size_and_strength() -> Non
     assert alarms == []
 
 
-def test_what_no_single_point_proves_is_proved_by_all_together_and_said_of_each() -> None:
+def test_what_no_single_point_proves_is_proved_by_all_together_and_reported_of_each() -> None:
     points = campaign(3, 20, gain=1.05, weak=10.0)
     alone = [slugs(judge([point])) for point in points]
-    assert sum("load-cell-gain" in told for told in alone) <= 4
+    assert sum("load-cell-gain" in reported for reported in alone) <= 4
     found = judge(points)
     assert all({reason.slug for reason in reasons} == {"load-cell-gain"} for reasons in found.values())
     assert all("20 points combined" in reason.text for reasons in found.values() for reason in reasons)
@@ -123,7 +123,7 @@ def test_a_comparison_that_failed_at_one_point_says_nothing_of_the_instruments()
     assert slugs(judge([*points[:2], points[2]])) == set()
 
 
-def test_a_loop_too_weak_to_tell_its_lag_does_not_disprove_an_input() -> None:
+def test_a_loop_too_weak_to_show_its_lag_does_not_disprove_an_input() -> None:
     points = campaign(14, 3)
     weak = [replace(point, force=replace(point.force, lag=Estimate(lag_s, std_s))) for point, lag_s, std_s in zip(
         points, (-17.1e-3, -20.8e-3, 6.5e-3), (1.2e-3, 22e-3, 3.6e-3), strict=True,
@@ -132,7 +132,7 @@ def test_a_loop_too_weak_to_tell_its_lag_does_not_disprove_an_input() -> None:
     assert slugs(judge(weak[:1])) == set()
 
 
-def test_gain_and_lag_of_one_point_alone_are_judged_until_there_are_others() -> None:
+def test_gain_and_lag_of_one_point_alone_are_evaluated_until_there_are_others() -> None:
     points = campaign(13, 6)
     odd = replace(points[1], force=Agreement(Estimate(1.1, 0.002), None, Estimate(-2e-3, 1e-4), 2.25e-4))
     assert slugs(judge([odd])) == {"load-cell-gain", "force-input-lag"}
@@ -144,7 +144,7 @@ def test_a_point_that_could_not_be_compared_shares_the_campaigns_doubt() -> None
     assert [reason.slug for reason in judge(points)["step"]] == ["load-cell-gain"]
 
 
-def test_drift_and_crosstalk_that_the_order_cannot_tell_apart_are_both_named() -> None:
+def test_drift_and_crosstalk_that_the_order_cannot_distinguish_are_both_named() -> None:
     for wrong in ({"drift_N_s": 2.0}, {"crosstalk_N_A": 30.0}):
         found = judge(campaign(6, 2, currents_A=(0.5, 1.5), order="as written", **wrong))
         assert slugs(found) <= {"zero-change", "load-cell-zero"}
@@ -173,8 +173,8 @@ def test_the_bench_file_says_what_is_allowed() -> None:
 
 
 def test_tolerances_survive_the_file() -> None:
-    told = Tolerances(force_gain=0.03, force_zero_N=11.0, time_s=1e-3)
-    assert Tolerances.read(told.attributes) == told
+    found = Tolerances(force_gain=0.03, force_zero_N=11.0, time_s=1e-3)
+    assert Tolerances.read(found.attributes) == found
     assert Tolerances.read({}) == Tolerances()
 
 

@@ -50,9 +50,9 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_point_is_read_back_as_it_was_written(file: Path) -> None:
-    point, wanted = RecordedPoint.open(file), a_point()
-    assert np.array_equal(point.time_s, wanted.time_s)
-    assert np.array_equal(point.force_N, wanted.channels[1].values.astype(np.float32), equal_nan=True)
+    point, expected = RecordedPoint.open(file), a_point()
+    assert np.array_equal(point.time_s, expected.time_s)
+    assert np.array_equal(point.force_N, expected.channels[1].values.astype(np.float32), equal_nan=True)
     assert (point.verdict, point.reasons, point.lost_samples) == ("suspect", ("one: first", "two: second"), 2)
     assert (point.amplitude_m, point.frequency_Hz, point.current_A, point.mid_stroke_m) == (0.05, 1.0, 0.5, None)
     assert point.force_samples.time_s[0] == 0.001
@@ -121,9 +121,9 @@ def overhead_bytes(path: Path) -> int:
     with h5py.File(path) as opened:
         unique = {h5py.h5o.get_info(item.id).addr: item for item in everything(opened).values()}.values()
         stored = sum(item.id.get_storage_size() for item in unique if isinstance(item, h5py.Dataset))
-        said = sum(len(name) + h5py.h5a.open(item.id, name.encode()).get_storage_size()
+        message = sum(len(name) + h5py.h5a.open(item.id, name.encode()).get_storage_size()
                    for item in unique for name in item.attrs)
-    return path.stat().st_size - stored - said
+    return path.stat().st_size - stored - message
 
 
 def test_a_short_point_costs_little_beyond_its_values(tmp_path: Path) -> None:

@@ -48,9 +48,9 @@ def test_the_file_of_a_long_point_equals_that_of_a_short_one(tmp_path: Path, mon
     long = finish_point(second)
     assert short.error == long.error == ""
     assert long.verdict == short.verdict
-    wanted, found = datasets(Path(short.file)), datasets(Path(long.file))
-    assert wanted.keys() == found.keys()
-    for name, values in wanted.items():
+    expected, found = datasets(Path(short.file)), datasets(Path(long.file))
+    assert expected.keys() == found.keys()
+    for name, values in expected.items():
         if values.dtype.kind == "f":
             assert np.allclose(values, found[name], rtol=1e-6, atol=1e-9, equal_nan=True), name
         else:

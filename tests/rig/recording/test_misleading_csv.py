@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import Dialect
-from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.file_formats.table_file import Dialect
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
 
@@ -29,7 +29,7 @@ def lines(separator: str = ",", force: str = "{:.5f}", times: float = 1.0) -> li
 
 def read(path: Path, text: str | bytes, dialect: Dialect | None = None, **columns: str) -> ImportedTest:
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    (test,) = read_tests([path], WantedTests(columns or COLUMNS, 0.5, None, None, dialect or Dialect()))
+    (test,) = read_tests([path], ImportSettings(columns or COLUMNS, 0.5, None, None, dialect or Dialect()))
     return test
 
 
@@ -68,8 +68,8 @@ def test_whole_numbers_that_may_be_decimals_are_not_guessed(tmp_path: Path, sign
             for t, x, f in zip(T, X_MM, force, strict=True)]  # fmt: skip
     text = "t_ms;x_um;F_N\n" + "\n".join(rows) + "\n"
     columns = {"time": "t_ms", "displacement": "x_um", "force": "F_N"}
-    told = problems(tmp_path / "a.csv", text, **columns)
-    assert f"'22{sign}000' may be 22000 or a number with three decimals" in told
+    reported = problems(tmp_path / "a.csv", text, **columns)
+    assert f"'22{sign}000' may be 22000 or a number with three decimals" in reported
     thousands = read(tmp_path / "a.csv", text, Dialect(decimal="." if sign == "," else ","), **columns)
     assert thousands.force_N == pytest.approx(force, abs=0.6)
     decimals = read(tmp_path / "a.csv", text, Dialect(decimal=sign), **columns)
@@ -89,12 +89,12 @@ def test_names_that_cannot_be_matched_to_columns_name_none(tmp_path: Path, head:
     """Row names as R writes them have no name, and names of two words look like two."""
     rows = lines(" ") if "Axial" in head else [f'"{k}" {row}' for k, row in enumerate(lines(" "))]
     text = head + "\n".join(rows) + "\n"
-    told = problems(tmp_path / "a.csv", text, time="t_s", displacement="Disp:mm", force="F_N")
-    assert "no column 'Disp'; columns: #1, #2, #3" in told
+    reported = problems(tmp_path / "a.csv", text, time="t_s", displacement="Disp:mm", force="F_N")
+    assert "no column 'Disp'; columns: #1, #2, #3" in reported
     first = 1 if "Axial" in head else 2
-    wanted = {name: f"#{first + k}:{unit}" for k, (name, unit) in enumerate(
+    expected = {name: f"#{first + k}:{unit}" for k, (name, unit) in enumerate(
         (("time", "s"), ("displacement", "mm"), ("force", "N")))}  # fmt: skip
-    check(read(tmp_path / "a.csv", text, **wanted))
+    check(read(tmp_path / "a.csv", text, **expected))
 
 
 @pytest.mark.parametrize("head", ["Time (S)   Disp (MM)   Force (N)\n", "Time [s] Disp [mm] Force [N]\n"])
@@ -131,22 +131,22 @@ def test_a_long_recording_is_looked_at_within_seconds(tmp_path: Path) -> None:
     assert len(test.time_s) == 300_000
 
 
-def test_what_is_said_in_two_ways_is_not_chosen_from_in_silence(tmp_path: Path) -> None:
+def test_what_is_reported_in_two_ways_is_not_chosen_from_in_silence(tmp_path: Path) -> None:
     path = tmp_path / "a_1.0A.csv"
     path.write_text(HEAD + "\n".join(lines()))
     (tmp_path / "sub").mkdir()
     with pytest.raises(FileProblem) as caught:
         read_tests([path, tmp_path / "sub" / ".." / path.name],
-                   WantedTests(COLUMNS, 0.5, None, 250.0))  # fmt: skip
-    told = "\n".join(caught.value.problems)
-    assert "--rate and --column time=t_s both" in told
-    assert f"{path} is given 2 times" in told
+                   ImportSettings(COLUMNS, 0.5, None, 250.0))  # fmt: skip
+    reported = "\n".join(caught.value.problems)
+    assert "--rate and --column time=t_s both" in reported
+    assert f"{path} is given 2 times" in reported
 
 
 def test_exponents_of_fortran_are_named_with_the_way_out(tmp_path: Path) -> None:
-    told = "line 2: '-1.200000D+01' has a Fortran exponent with D: write exponents with E"
+    reported = "line 2: '-1.200000D+01' has a Fortran exponent with D: write exponents with E"
     fortran = [f"{-12.0 + k:.6E},{k:.6E},{2 * k:.6E}".replace("E", "D") for k in range(ROWS)]
-    assert told in problems(tmp_path / "a.csv", HEAD + "\n".join(fortran))
+    assert reported in problems(tmp_path / "a.csv", HEAD + "\n".join(fortran))
     some = [f"{0.1 * k:.3f},{k:.3f},{2 * k:.3f}" for k in range(ROWS)]
     some[300] = "30.0,300.0,6.0d2"
     assert "line 302, column 'F_N': '6.0d2' is not a number; it has a Fortran exponent with D" in problems(
@@ -162,8 +162,8 @@ def test_ends_of_lines_and_minus_signs_of_other_programs_are_read(tmp_path: Path
 
 def test_zero_bytes_are_named_with_their_line(tmp_path: Path) -> None:
     text = (HEAD + "\n".join(lines()) + "\n").encode()
-    told = problems(tmp_path / "a.csv", text + b"\0" * 5000)
-    assert "line 1002: zero bytes up to the end of the file (possibly a loss of power during recording)" in told
+    reported = problems(tmp_path / "a.csv", text + b"\0" * 5000)
+    assert "line 1002: zero bytes up to the end of the file (possibly a loss of power during recording)" in reported
     assert "line 1002: zero bytes; utf-8 text contains no" in problems(tmp_path / "b.csv", text + b"\0\n" + text)
 
 

@@ -17,8 +17,8 @@ import pytest
 from scipy.io import savemat
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import Dialect
-from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.file_formats.table_file import Dialect
 
 ROWS = 500
 T = np.arange(ROWS) * 0.005
@@ -26,9 +26,9 @@ X_MM, F_N = 20.0 * np.sin(4.0 * np.pi * T), 900.0 * np.cos(4.0 * np.pi * T)
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
 
 
-def read(path: Path, columns: dict[str, str], **said: str) -> list[ImportedTest]:
-    wanted = WantedTests(columns, 0.5, dialect=Dialect(**said))  # type: ignore[arg-type]
-    return read_tests([path], wanted)
+def read(path: Path, columns: dict[str, str], **options: str) -> list[ImportedTest]:
+    settings = ImportSettings(columns, 0.5, dialect=Dialect(**options))  # type: ignore[arg-type]
+    return read_tests([path], settings)
 
 
 def check(test: ImportedTest, rows: int = ROWS) -> None:
@@ -77,8 +77,8 @@ def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
         read(path, COLUMNS, sheet="x")
     (one,) = read(path, COLUMNS, sheet="1.0A")
     check(one, 300)
-    wanted = WantedTests(COLUMNS, None, r"(?P<current>[0-9.]+)A", dialect=Dialect(sheet="all"))
-    tests = read_tests([path], wanted)
+    settings = ImportSettings(COLUMNS, None, r"(?P<current>[0-9.]+)A", dialect=Dialect(sheet="all"))
+    tests = read_tests([path], settings)
     assert [(test.part, test.nominal_current_A) for test in tests] == [("0.5A", 0.5), ("1.0A", 1.0)]
 
 
@@ -95,7 +95,7 @@ def test_workbooks_that_unpack_beyond_measure_are_refused(tmp_path: Path, monkey
     with pytest.raises(FileProblem, match="unpacks to 68157440 bytes"):
         read(path, COLUMNS)
     wide = workbook(tmp_path / "b.xlsx", {"Run": [*TABLE, [*[None] * 16_000, 1.0]] * 2})
-    monkeypatch.setattr("rig.recording.foreign.foreign_file.MOST_NUMBERS", 20_000)
+    monkeypatch.setattr("rig.recording.file_formats.table_file.MOST_NUMBERS", 20_000)
     with pytest.raises(FileProblem, match="declares"):
         read(wide, COLUMNS)
 

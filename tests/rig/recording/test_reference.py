@@ -77,11 +77,11 @@ class Pair:
 SEEDS = range(24)
 
 
-def deviations(pairs: list[Pair], of: str, wanted: float, which: int = 0) -> np.ndarray:
+def deviations(pairs: list[Pair], of: str, expected: float, which: int = 0) -> np.ndarray:
     """Errors over stated standard deviations."""
     found = [pair.matches()[which] for pair in pairs]
     return np.array([
-        (getattr(match, of) - wanted) / getattr(match, f"{of}_std" if of != "lag_s" else "lag_std_s")
+        (getattr(match, of) - expected) / getattr(match, f"{of}_std" if of != "lag_s" else "lag_std_s")
         for match in found if match is not None
     ])
 

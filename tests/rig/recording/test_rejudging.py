@@ -76,14 +76,14 @@ def test_agreeing_instruments_leave_every_file_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_doubt_of_one_point_that_the_campaign_takes_back_is_taken_back(tmp_path: Path) -> None:
-    told = suspect("zero-drift", "said by an earlier judgement")
+    reason = suspect("zero-drift", "said by an earlier judgement")
     for number in range(6):
-        record(tmp_path, number, 1.0, 0.002, **(Verdict.of([told]).attributes if number == 3 else {}))
+        record(tmp_path, number, 1.0, 0.002, **(Verdict.of([reason]).attributes if number == 3 else {}))
     corrected = list(judge_together(tmp_path))
     assert [(point.id, point.verdict, point.reasons) for point in corrected] == [("p003", "valid", ())]
 
 
-def test_a_stopped_point_neither_says_anything_nor_is_judged_again(tmp_path: Path) -> None:
+def test_a_stopped_point_neither_says_anything_nor_is_evaluated_again(tmp_path: Path) -> None:
     for number in range(6):
         record(tmp_path, number, 1.0, 0.002)
     stopped = record(tmp_path, 6, 1.5, 0.002, verdict="invalid", reasons=("estop: held",), reason_kinds=("invalid",))

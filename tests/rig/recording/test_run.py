@@ -33,7 +33,7 @@ def ids(points: tuple[RecordedPoint, ...]) -> list[str]:
     return [point.id for point in points]
 
 
-def test_points_come_in_the_order_of_their_names_and_invalid_ones_are_told_apart(run: Run) -> None:
+def test_points_come_in_the_order_of_their_names_and_invalid_ones_are_distinguished(run: Run) -> None:
     assert ids(run.points) == ["p001", "p002", "p003"]
     assert ids(run.valid) == ["p001", "p003"]
 
@@ -70,7 +70,7 @@ def test_a_point_opens_by_a_path_in_words_too(run: Run) -> None:
     assert RecordedPoint.open(str(path)).id == RecordedPoint.open(path).id == "p003"
 
 
-def test_paths_that_are_no_run_are_told_apart(run: Run, tmp_path: Path) -> None:
+def test_paths_that_are_no_run_are_distinguished(run: Run, tmp_path: Path) -> None:
     with pytest.raises(FileProblem, match="nowhere: no such folder"):
         Run.open(tmp_path / "nowhere")
     assert Run.open(run.path.parent).path == run.path
@@ -93,11 +93,11 @@ def test_a_run_becomes_a_table_of_points(run: Run) -> None:
     assert list(table["verdict"]) == ["valid", "invalid", "valid"]
 
 
-def test_channels_a_file_lacks_are_nan_not_zero(run: Run) -> None:
+def test_channels_a_file_does_not_have_are_nan_not_zero(run: Run) -> None:
     assert np.all(np.isnan(run.points[0].current_measured_A))
 
 
-def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences() -> None:
+def test_a_point_made_in_memory_has_the_requested_current_and_central_differences() -> None:
     time_s = np.arange(1000) / 1000.0
     point = RecordedPoint.from_arrays(
         time_s=time_s, displacement_m=0.01 * np.sin(2 * np.pi * time_s), force_N=np.zeros(1000), id="x",

@@ -23,10 +23,10 @@ class Reader:
     """Makes a summary of what lies in a run's files; counts how often it is asked."""
 
     def __init__(self) -> None:
-        self.asked: list[str] = []
+        self.requests: list[str] = []
 
     def __call__(self, place: Path) -> Summary:
-        self.asked.append(place.name)
+        self.requests.append(place.name)
         campaign: dict[str, Any] = json.loads((place / "campaign.json").read_text())
         points = sorted(path.read_text() for path in (place / "points").iterdir())
         fit = place / "fit.json"
@@ -52,9 +52,9 @@ def checked(folder: Path) -> list[str]:
     """Which runs were read again; what is listed equals what a first look at the files gives."""
     reader = Reader()
     got = listed(folder, reader, ANY)
-    asked = sorted(reader.asked)
+    read_names = sorted(reader.requests)
     assert got == [reader(place) for place in sorted(folder.iterdir()) if (place / "points").is_dir()]
-    return asked
+    return read_names
 
 
 def replaced(path: Path, text: str) -> None:
@@ -93,7 +93,7 @@ def test_what_changed_outside_is_read_again_and_nothing_else(folder: Path, chang
     assert checked(folder) == []
 
 
-def test_two_runs_that_change_places_are_told_apart(folder: Path) -> None:
+def test_two_runs_that_change_places_are_distinguished(folder: Path) -> None:
     checked(folder)
     for old, new in (("r0", "x"), ("r1", "r0"), ("x", "r1")):
         (folder / old).rename(folder / new)
@@ -142,7 +142,7 @@ def test_calls_at_once_do_not_disturb_each_other(folder: Path) -> None:
     assert checked(folder) == []
 
 
-@pytest.mark.parametrize(("wanted", "names"), [
+@pytest.mark.parametrize(("run_filter", "names"), [
     (RunFilter(specimen="MR-2"), ["r1"]), (RunFilter(specimen="MR-?"), ["r0", "r1"]), (RunFilter(specimen="mr-1"), []),
     (RunFilter(date="2026"), ["r0", "r1"]), (RunFilter(date="2026-02"), ["r1"]), (RunFilter(date="2026-01-15"), ["r0"]),
     (RunFilter(date="2026-01-16:"), ["r1"]), (RunFilter(date=":2026-01"), ["r0"]),
@@ -150,9 +150,9 @@ def test_calls_at_once_do_not_disturb_each_other(folder: Path) -> None:
     (RunFilter(verdict="suspect"), ["r1"]), (RunFilter(model="bilinear"), ["r0"]),
     (RunFilter(model="bilinear", verdict="suspect"), []),
 ])
-def test_all_filters_must_hold(folder: Path, wanted: RunFilter, names: list[str]) -> None:
+def test_all_filters_must_hold(folder: Path, run_filter: RunFilter, names: list[str]) -> None:
     for _ in range(2):  # by the files, by the index
-        assert [run["id"] for run in listed(folder, Reader(), wanted)] == names
+        assert [run["id"] for run in listed(folder, Reader(), run_filter)] == names
 
 
 @pytest.mark.parametrize("date", ["yesterday", "2026-1", "1:2:3", ":", ""])

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.foreign.file_units import named_unit, scaling_of
-from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.file_formats.file_units import named_unit, scaling_of
 
 T = np.arange(1000) * 0.004
 X_M, F_N = 0.02 * np.sin(2.0 * np.pi * T), 800.0 * np.cos(2.0 * np.pi * T)
 
 
 def read(path: Path, scales: dict[str, str | float], **columns: str) -> ImportedTest:
-    (test,) = read_tests([path], WantedTests(columns, 0.5, scales=scales))
+    (test,) = read_tests([path], ImportSettings(columns, 0.5, scales=scales))
     return test
 
 
@@ -136,7 +136,7 @@ def test_hints_name_columns_that_fit_quoted_for_a_shell(head: str, expected: lis
     np.savetxt(tmp_path / "a.csv", np.random.default_rng(1).normal(size=(50, count)), "%.6f", ";", header=head,
                comments="")  # fmt: skip
     with pytest.raises(FileProblem) as caught:
-        read_tests([tmp_path / "a.csv"], WantedTests({}))
+        read_tests([tmp_path / "a.csv"], ImportSettings({}))
     (hint,) = (line for line in str(caught.value).split("\n") if "perhaps" in line)
     options = shlex.split(hint.partition("perhaps ")[2])[1::2]
     assert options == [shlex.split(one)[0] for one in expected]

@@ -194,7 +194,7 @@ def test_an_input_that_is_late_is_not_blamed_on_the_sensor_which_cannot_be_early
     assert found.std_s > 1.5e-3, "the two disagree by 2 ms, and it is said"
 
 
-def test_a_load_cell_and_a_displacement_sensor_that_are_late_are_told_apart() -> None:
+def test_a_load_cell_and_a_displacement_sensor_that_are_late_are_distinguished() -> None:
     force, displacement = both(2.0), both(0.0, other_ms=2.0)
     assert (force.force.value_s, force.displacement.value_s) == pytest.approx((2e-3, 0.0), abs=0.05e-3)
     assert (displacement.force.value_s, displacement.displacement.value_s) == pytest.approx((0.0, 2e-3), abs=0.05e-3)
@@ -228,7 +228,7 @@ def test_errors_stay_within_what_is_stated_whatever_is_forgotten_and_however_lit
         assert truth_ms > 0.0 or max(errors) < 1e-3
 
 
-def test_a_compliance_the_signals_cannot_tell_from_a_delay_is_that_of_a_usual_load_train() -> None:
+def test_a_compliance_the_signals_cannot_determine_from_a_delay_is_that_of_a_usual_load_train() -> None:
     lag_s, std_s = at_likely_compliance(1e-3, 5e-3, 2e-7, 1e-6, 5e-3 * 1e-6 * 0.999)
     assert std_s < 0.6e-3
     assert abs(lag_s) < 3.0 * std_s
@@ -239,9 +239,9 @@ def test_a_delay_without_any_input_is_as_sure_as_its_statement_and_without_one_a
     stated = weighed(Seen(0.4e-3, input=False), Seen(0.0, input=False), None)
     assert stated.force.std_s == pytest.approx(20e-6)
     assert stated.displacement.std_s < 10e-6, "0 ms that somebody wrote down"
-    nobody = weighed(Seen(None, input=False), Seen(0.0, input=False), None)
-    assert (nobody.value_s, nobody.checked) == (0.0, False)
-    assert nobody.std_s == pytest.approx(0.7e-3, rel=0.01)
+    unstated = weighed(Seen(None, input=False), Seen(0.0, input=False), None)
+    assert (unstated.value_s, unstated.checked) == (0.0, False)
+    assert unstated.std_s == pytest.approx(0.7e-3, rel=0.01)
 
 
 @pytest.mark.parametrize(("delay_s", "verdict"), [(0.0, "valid"), (None, "suspect")])
@@ -254,16 +254,16 @@ def test_a_skew_that_was_not_checked_says_so_and_covers_what_was_not_stated(
     }
     content = JournalContent("", with_controller_record(rig, 0.002), end={"stopped_by": None, "lost_records": 0})
     blind, quality = build(content, rig.context(controller_delay_s=None, sensors=sensors))
-    judged = quality.verdict
+    checked = quality.verdict
     assert blind.quality["skew_checked"] is False
     assert abs(blind.quality["skew_s"] - 0.002) < 2.0 * blind.quality["skew_std_s"]
-    assert judged.verdict == verdict, judged.reasons
+    assert checked.verdict == verdict, checked.reasons
     seeing, quality = build(content, rig.context(controller_delay_s=0.0, sensors=sensors))
-    judged = quality.verdict
+    checked = quality.verdict
     assert seeing.quality["skew_checked"] is True
     assert abs(seeing.quality["skew_s"] - 0.002) < 1.96 * seeing.quality["skew_std_s"] < 0.4e-3
     assert seeing.quality["skew_low_s"] < 0.002 < seeing.quality["skew_high_s"]
-    assert judged.verdict == "valid", judged.reasons
+    assert checked.verdict == "valid", checked.reasons
 
 
 def test_a_declared_delay_is_used_with_its_tolerance() -> None:

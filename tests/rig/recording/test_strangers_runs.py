@@ -68,10 +68,10 @@ def test_files_with_swapped_names_and_of_another_campaign_are_named_and_used(cam
     stored(campaign, "p010", "p001", journal_check="b", campaign="theirs", campaign_hash="2")
     with pytest.warns(DataWarning) as warned:
         run = Run.open(campaign)
-    said = "\n".join(str(one.message) for one in warned)
-    assert "points/p001.h5 contains the point p010" in said
-    assert "points/p010.h5 contains the point p001" in said
-    assert "points/p010.h5 was recorded in another campaign (theirs)" in said
+    message = "\n".join(str(one.message) for one in warned)
+    assert "points/p001.h5 contains the point p010" in message
+    assert "points/p010.h5 contains the point p001" in message
+    assert "points/p010.h5 was recorded in another campaign (theirs)" in message
     assert sorted(point.id for point in run.points) == ["p001", "p010"]
 
 

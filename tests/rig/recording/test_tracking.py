@@ -13,10 +13,10 @@ from rig.recording.quality.tracking import tracking_of, tracking_reasons
 from rig.signals.record import RecordFacts
 from rig.test_point import TestPoint
 
-WANTED = TestPoint("p001", "file", 0.035, 1.0, 0.0, kind="signal", record=RecordFacts("", 10.0, 1.0, 5.0))
+REQUESTED = TestPoint("p001", "file", 0.035, 1.0, 0.0, kind="signal", record=RecordFacts("", 10.0, 1.0, 5.0))
 
 
-def judged(target_m: np.ndarray, rod_m: np.ndarray) -> list[str]:
+def reasons_of(target_m: np.ndarray, rod_m: np.ndarray) -> list[str]:
     """The verdicts on a rod beside its target, both 10 s long, 100 a second."""
     time_s = 0.01 * np.arange(1001)
     channels = {
@@ -25,13 +25,13 @@ def judged(target_m: np.ndarray, rod_m: np.ndarray) -> list[str]:
     }
     alignment = SimpleNamespace(timed=channels, origin_s=0.0)
     seen = SimpleNamespace(time_s=time_s, displacement_m=rod_m)
-    tracking = tracking_of(WANTED, cast("Any", alignment), cast("Any", seen))
-    return [f"{reason.slug} {reason.kind.name}" for reason in tracking_reasons(WANTED, tracking, stopped=False)]
+    tracking = tracking_of(REQUESTED, cast("Any", alignment), cast("Any", seen))
+    return [f"{reason.slug} {reason.kind.name}" for reason in tracking_reasons(REQUESTED, tracking, stopped=False)]
 
 
 @pytest.mark.parametrize("centre_m", [0.0, 0.03])
 def test_a_rod_that_only_stands_where_the_motion_lies_has_not_followed_it(centre_m: float) -> None:
     wave_m = 0.005 * np.sin(math.tau * 0.01 * np.arange(1001))
-    assert judged(centre_m + wave_m, centre_m + 0.95 * wave_m) == []
-    assert judged(centre_m + wave_m, centre_m + 0.85 * wave_m) == ["tracking SUSPECT"]
-    assert judged(centre_m + wave_m, np.full(1001, centre_m)) == ["tracking INVALID"]
+    assert reasons_of(centre_m + wave_m, centre_m + 0.95 * wave_m) == []
+    assert reasons_of(centre_m + wave_m, centre_m + 0.85 * wave_m) == ["tracking SUSPECT"]
+    assert reasons_of(centre_m + wave_m, np.full(1001, centre_m)) == ["tracking INVALID"]

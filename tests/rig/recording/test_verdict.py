@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge, with_skew
 from rig.recording.quality.verdict import Verdict, blamed
+from rig.recording.quality.verdict_rules import PointEvidence, SensorCounts, evaluate, with_skew
 
 GOOD = PointEvidence(
-    sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, wanted_cycles=10,
-    wanted_amplitude_m=0.05, wanted_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10,
+    sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, requested_cycles=10,
+    requested_amplitude_m=0.05, requested_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10,
     measured_amplitude_m=0.0499, measured_frequency_Hz=1.001, current_error_A=0.002,
 )
 
@@ -20,8 +20,8 @@ def with_force(samples_a_cycle: float = float("inf"), **counts: float) -> PointE
 
 
 def test_a_point_with_nothing_found_is_valid() -> None:
-    assert judge(GOOD).verdict == "valid"
-    assert judge(GOOD).reasons == ()
+    assert evaluate(GOOD).verdict == "valid"
+    assert evaluate(GOOD).reasons == ()
 
 
 @pytest.mark.parametrize(("findings", "verdict", "slug"), [
@@ -78,13 +78,13 @@ def test_a_point_with_nothing_found_is_valid() -> None:
     (with_force(rate_Hz=250.0, bandwidth_Hz=11.0), "valid", ""),
 ])
 def test_each_finding_has_its_verdict_and_its_slug(findings: PointEvidence, verdict: str, slug: str) -> None:
-    found = judge(findings)
+    found = evaluate(findings)
     assert found.verdict == verdict
     assert [reason.split(":")[0] for reason in found.reasons] == ([slug] if slug else [])
 
 
 def test_invalid_reasons_come_before_suspect_ones_and_all_are_kept() -> None:
-    found = judge(replace(GOOD, stopped_by="estop", current_error_A=None, measured_amplitude_m=0.04))
+    found = evaluate(replace(GOOD, stopped_by="estop", current_error_A=None, measured_amplitude_m=0.04))
     assert found.verdict == "invalid"
     assert [reason.split(":")[0] for reason in found.reasons] == ["estop", "amplitude", "no-current"]
 
@@ -104,18 +104,18 @@ def test_every_reason_says_who_is_to_blame(reason: str, who: str) -> None:
     (replace(GOOD, skew_std_s=0.002), 0.004, "suspect", ["skew"]),
     (replace(GOOD, skew_std_s=0.004), 0.005, "suspect", ["skew"]),
 ])
-def test_skew_known_better_or_worse_changes_what_was_judged_by_it_and_nothing_else(
+def test_skew_known_better_or_worse_changes_what_was_evaluated_by_it_and_nothing_else(
     findings: PointEvidence, std_s: float, verdict: str, slugs: list[str]
 ) -> None:
-    found = with_skew(judge(findings), std_s, findings.wanted_frequency_Hz)
+    found = with_skew(evaluate(findings), std_s, findings.requested_frequency_Hz)
     assert found.verdict == verdict
     assert [reason.split(":")[0] for reason in found.reasons] == slugs
 
 
-def test_a_verdict_survives_the_file_and_can_be_judged_on() -> None:
-    judged = judge(replace(GOOD, stopped_by="estop", skew_std_s=0.004, current_error_A=None))
-    stored = Verdict.stored(judged.attributes)
-    assert stored == judged
+def test_a_verdict_survives_the_file_and_can_be_evaluated_on() -> None:
+    verdict = evaluate(replace(GOOD, stopped_by="estop", skew_std_s=0.004, current_error_A=None))
+    stored = Verdict.stored(verdict.attributes)
+    assert stored == verdict
     left = stored.replaced({"estop"}, ())
     assert (left.verdict, [reason.slug for reason in left.entries]) == ("suspect", ["no-current", "skew"])
 
@@ -130,9 +130,9 @@ def test_a_file_without_kinds_keeps_the_verdict_it_has() -> None:
 
 def test_the_words_of_a_reason_decide_nothing() -> None:
     """A file whose messages were all rewritten means the same."""
-    verdict = judge(PointEvidence(
-        sensors={"force": SensorCounts(1000, lost=100, spikes=2)}, wanted_cycles=10.0, wanted_amplitude_m=0.02,
-        wanted_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10.0, measured_amplitude_m=0.015,
+    verdict = evaluate(PointEvidence(
+        sensors={"force": SensorCounts(1000, lost=100, spikes=2)}, requested_cycles=10.0, requested_amplitude_m=0.02,
+        requested_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10.0, measured_amplitude_m=0.015,
         current_error_A=0.5, tripped=True,
     ))
     lines = tuple(f"{reason.slug}: {reason.slug[::-1]}" for reason in verdict.entries)

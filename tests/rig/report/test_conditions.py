@@ -34,7 +34,7 @@ def test_a_servo_that_falls_short_is_stated_with_its_uncertainty_and_correction(
         assert words in page, page
 
 
-def test_what_the_campaign_waited_for_is_told_in_its_own_words(tmp_path: Path) -> None:
+def test_what_the_campaign_waited_for_is_reported_in_its_own_words(tmp_path: Path) -> None:
     lines = [
         {"event": "info", "code": "temperature",
          "text": "p001: cooling down from 55 to 44.8 degC, about 98 s of the rig's time"},

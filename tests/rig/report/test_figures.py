@@ -69,8 +69,8 @@ def test_a_figure_is_an_svg_file_of_its_own_with_its_style(run: Path, tmp_path: 
 
 def inked(picture: Image.Image, colour: str) -> tuple[int, int, int, int]:
     """Left, top, right and bottom pixel of a colour."""
-    wanted = np.array(ImageColor.getrgb(colour))
-    rows, columns = np.nonzero(np.abs(np.asarray(picture.convert("RGB"), float) - wanted).max(axis=2) < 60.0)
+    expected = np.array(ImageColor.getrgb(colour))
+    rows, columns = np.nonzero(np.abs(np.asarray(picture.convert("RGB"), float) - expected).max(axis=2) < 60.0)
     return int(columns.min()), int(rows.min()), int(columns.max()), int(rows.max())
 
 

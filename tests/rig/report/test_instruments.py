@@ -64,7 +64,7 @@ def rows_of(shown: str) -> list[list[str]]:
     ]
 
 
-def test_every_instrument_is_compared_with_numbers_or_said_not_to_be(folder: Path) -> None:
+def test_every_instrument_is_compared_with_numbers_or_reported_not_to_be(folder: Path) -> None:
     for number in range(1, 7):
         record(folder, number)
     rows = rows_of(page(folder))
@@ -80,7 +80,7 @@ def test_every_instrument_is_compared_with_numbers_or_said_not_to_be(folder: Pat
     assert all(row[3] != "" for row in rows)
 
 
-def test_what_is_too_uncertain_is_not_said_to_agree(folder: Path) -> None:
+def test_what_is_too_uncertain_is_not_reported_to_agree(folder: Path) -> None:
     for number in range(1, 4):
         record(folder, number, force_matched_lag_s=-1.5e-3, force_matched_lag_std_s=9e-4, force_reference_gain_std=0.03)
     named = {(row[0], row[1]): row for row in rows_of(page(folder))}

@@ -197,7 +197,7 @@ def test_a_run_without_a_fit_is_reported_as_measured(run: Path) -> None:
     assert len(lines(page, "m")) > 3
 
 
-def test_a_model_nobody_knows_leaves_the_measured_loops(run: Path) -> None:
+def test_a_model_is_unknown_leaves_the_measured_loops(run: Path) -> None:
     page = written(run, fit_of(model="miracle"))
     assert "curves are not drawn" in page
     assert lines(page, "p") == []

@@ -66,9 +66,9 @@ def test_specimen_operator_notes_and_events_are_in_the_report_and_stay_text(run:
     assert "<script" not in page
     assert "&lt;script&gt;bench()&lt;/script&gt;" in page
     assert "Damper test report: &lt;script&gt;x()&lt;/script&gt;" in page
-    told = page[page.index("Specimen and operator"):]
-    assert "A. &lt;b&gt;Tester&lt;/b&gt;" in told
-    assert all(words in told for words in ("third mounting", "170 mm"))
+    reported = page[page.index("Specimen and operator"):]
+    assert "A. &lt;b&gt;Tester&lt;/b&gt;" in reported
+    assert all(words in reported for words in ("third mounting", "170 mm"))
     happened = page[page.index("<h2>Events"):page.index("Specimen and operator")]
     assert "estop: &lt;i&gt;pressed&lt;/i&gt;" in happened
     assert "<td class=\"n\">2</td><td>late_s 0.02346</td>" in happened
@@ -82,10 +82,10 @@ def test_what_was_typed_on_the_operators_page_is_in_the_report(run: Path) -> Non
         "notes": [{"utc": "2026-01-01T10:00:00+00:00", "by": "B. Typist", "text": "<script>n()</script> squeaks"}],
     }))  # fmt: skip
     page = write_report(run).read_text(encoding="utf-8")
-    told = page[page.index("Specimen and operator"):]
-    assert "oil &lt;b&gt;changed&lt;/b&gt;" in told
-    assert "2026-01-01T10:00:00+00:00 B. Typist: &lt;script&gt;n()&lt;/script&gt; squeaks" in told
-    assert "Not given" not in told
+    reported = page[page.index("Specimen and operator"):]
+    assert "oil &lt;b&gt;changed&lt;/b&gt;" in reported
+    assert "2026-01-01T10:00:00+00:00 B. Typist: &lt;script&gt;n()&lt;/script&gt; squeaks" in reported
+    assert "Not given" not in reported
 
 
 def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_zero_has_no_sign() -> None:
     assert (number(-0.0), number(0.0), number(-0.5)) == ("0", "0", "\N{MINUS SIGN}0.5")
 
 
-def test_events_that_are_alike_are_told_once_with_their_number() -> None:
+def test_events_that_are_identical_are_reported_once_with_their_number() -> None:
     log = [{"utc": f"2026-01-01T10:00:0{k}", "event": "station", "what": "late", "count": k} for k in range(5)]
     (one,) = campaign_events([{"event": "phase"}, *log])
     assert (one.count, one.first[-1], one.last[-1]) == (5, "0", "4")
@@ -175,7 +175,7 @@ def linear(colour: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 7])
-def test_currents_are_told_apart_in_grey_print_and_by_protanopes(count: int) -> None:
+def test_currents_are_distinguished_in_grey_print_and_by_protanopes(count: int) -> None:
     colours = [linear(current_colour(index, count)) for index in range(count)]
     grey = [lightness(colour) for colour in colours]
     seen = [lightness(np.clip(PROTANOPIA @ colour, 0.0, 1.0)) for colour in colours]
@@ -186,7 +186,7 @@ def test_currents_are_told_apart_in_grey_print_and_by_protanopes(count: int) -> 
     assert len({tuple(pair) for pair in itertools.pairwise(SEQUENCE)}) == len(SEQUENCE) - 1
 
 
-def test_a_record_is_told_by_its_name_and_drawn_with_its_reversals_where_it_is_judged() -> None:
+def test_a_record_is_reported_by_its_name_and_drawn_with_its_reversals_where_it_is_evaluated() -> None:
     time_s = np.arange(5000) / 250.0
     phase = 2 * np.pi * 5.0 * time_s
     point = RecordedPoint.from_arrays(

@@ -47,7 +47,7 @@ def test_a_long_record_takes_little_more_memory_than_its_samples() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
-def test_what_stands_still_shows_no_period(value: float) -> None:
+def test_what_stalls_shows_no_period(value: float) -> None:
     time_s, cycles = np.arange(0.0, 3.0, 0.004), CycleStretch(0.05, 2.9, 0.4)
     assert refined(cycles, time_s, np.full_like(time_s, value)) == cycles
 

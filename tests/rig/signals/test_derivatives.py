@@ -51,7 +51,7 @@ def cornered(rate_Hz: float = 250.0) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return t, u + np.random.default_rng(4).normal(0.0, NOISE_M, t.size), v
 
 
-def test_what_the_samples_do_not_show_of_a_corner_is_foretold_by_size_and_place() -> None:
+def test_what_the_samples_do_not_show_of_a_corner_is_forereported_by_size_and_place() -> None:
     t, u, v = cornered()
     fit = harmonic(t, u, 1.0)
     unseen = fit.unseen_at(t)

@@ -6,13 +6,13 @@ import pytest
 from rig.signals.estimate import Estimate, next_member
 
 
-def test_one_estimate_says_no_more_of_another_member_than_members_are_alike() -> None:
+def test_one_estimate_says_no_more_of_another_member_than_members_are_identical() -> None:
     found = next_member([Estimate(1e-3, 1e-5)], 0.4e-3)
     assert found.value == pytest.approx(1e-3)
     assert 0.4e-3 < found.std < 1.2e-3
 
 
-def test_many_members_that_are_alike_leave_their_common_value() -> None:
+def test_many_members_that_are_identical_leave_their_common_value() -> None:
     rng = np.random.default_rng(1)
     found = next_member([Estimate(float(value), 1e-4) for value in 1e-3 + 1e-4 * rng.standard_normal(40)], 0.4e-3)
     assert found.value == pytest.approx(1e-3, abs=1e-4)

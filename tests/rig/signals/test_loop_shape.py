@@ -102,11 +102,11 @@ def test_two_cycles_say_nothing_about_scatter() -> None:
     assert loop_shape(TIME_S, np.sin(PHASE), np.cos(PHASE), STARTS_S[:3]) is None
 
 
-def test_the_noise_of_a_smooth_signal_is_told_from_its_neighbours() -> None:
+def test_the_noise_of_a_smooth_signal_is_distinguished_from_its_neighbours() -> None:
     assert noise_of(500.0 * np.sin(PHASE) + NOISE_N) == pytest.approx(5.0, rel=0.1)
 
 
-def test_an_amplifier_at_its_end_and_a_stuck_value_are_told_apart() -> None:
+def test_an_amplifier_at_its_end_and_a_stuck_value_are_distinguished() -> None:
     moving = 500.0 * np.sin(PHASE) + NOISE_N
     clipped = standing(np.minimum(moving, 450.0))
     assert clipped.at_extreme > 20

@@ -23,7 +23,7 @@ def test_a_sensor_that_is_stuck_but_for_a_few_samples_matches_nothing() -> None:
     ("frequency_Hz", "end_s", "stuck_at"),
     [(1.0, 1.5, 2327.05), (2.0, 0.8, 0.0763), (3.0, 0.8, -0.2498), (5.0, 1.5, 0.005225)],
 )
-def test_no_line_is_laid_through_the_rounding_of_a_sensor_that_stood_still(
+def test_no_line_is_laid_through_the_rounding_of_a_sensor_that_was_at_rest(
     frequency_Hz: float, end_s: float, stuck_at: float
 ) -> None:
     """A cubic through equal samples moves in its last digit: numpy warns of a line through that, and warnings raise."""

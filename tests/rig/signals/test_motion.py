@@ -46,11 +46,13 @@ def test_the_amplitude_of_a_triangle_is_that_of_its_rounded_corners(
 ) -> None:
     fine_s = np.arange(0.0, 10.0 / frequency_Hz, 1e-4)
     phase = fine_s * frequency_Hz
-    told = 0.02 * np.clip(np.minimum(phase, 10 - phase), 0.0, 1.0) * 2 / math.pi * np.arcsin(np.sin(math.tau * phase))
-    moved = np.zeros((2, len(told)))
-    for k in range(1, len(told)):
+    reported = (
+        0.02 * np.clip(np.minimum(phase, 10 - phase), 0.0, 1.0) * 2 / math.pi * np.arcsin(np.sin(math.tau * phase))
+    )
+    moved = np.zeros((2, len(reported)))
+    for k in range(1, len(reported)):
         # A servo of second order with damping 0.7, semi-implicit Euler.
-        pull = (math.tau * bandwidth_Hz) ** 2 * (told[k] - moved[0, k - 1])
+        pull = (math.tau * bandwidth_Hz) ** 2 * (reported[k] - moved[0, k - 1])
         moved[1, k] = moved[1, k - 1] + 1e-4 * (pull - 1.4 * math.tau * bandwidth_Hz * moved[1, k - 1])
         moved[0, k] = moved[0, k - 1] + 1e-4 * moved[1, k]
     steady = (phase > 3.0) & (phase < 7.0)

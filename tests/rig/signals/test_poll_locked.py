@@ -17,9 +17,9 @@ def force_N(time_s: FloatArray, *, stepped: bool) -> FloatArray:
     """A damper's force at 2 Hz; stepped, the rod goes after each set-point as a first-order servo does."""
     period_s = SETPOINT_S if stepped else 1e-4
     fine_s = np.arange(0.0, SECONDS + 0.1, 1e-4)
-    wanted_m = 0.010 * np.sin(2.0 * np.pi * 2.0 * period_s * np.floor(fine_s / period_s + 1e-6))
+    requested_m = 0.010 * np.sin(2.0 * np.pi * 2.0 * period_s * np.floor(fine_s / period_s + 1e-6))
     position_m, velocity_m_s = 0.0, np.empty(len(fine_s))
-    for index, target_m in enumerate(wanted_m):
+    for index, target_m in enumerate(requested_m):
         velocity_m_s[index] = (target_m - position_m) / SERVO_S
         position_m += 1e-4 * velocity_m_s[index]
     return np.interp(time_s, fine_s, 400.0 * np.tanh(velocity_m_s / 0.05) + 800.0 * velocity_m_s)
@@ -31,14 +31,14 @@ def overlaid(seed: int, late_s: float, poll_s: float, share: float = 1.0) -> tup
     So much of the force steps.
     """
 
-    def told_N(time_s: FloatArray) -> FloatArray:
+    def sent_N(time_s: FloatArray) -> FloatArray:
         return share * force_N(time_s, stepped=True) + (1.0 - share) * force_N(time_s - SETPOINT_S / 2.0, stepped=False)
 
     random = np.random.default_rng(seed)
     polls_s = poll_s + SETPOINT_S * np.arange(50, 450)
     samples_s = random.uniform(0.0, 0.004) + np.arange(0.3, SECONDS - 0.3, 0.00400016)
-    reference = TimeSeries(polls_s, told_N(polls_s) + random.normal(0.0, 10.0, len(polls_s)))
-    force = told_N(samples_s) + random.normal(0.0, 5.0, len(samples_s))
+    reference = TimeSeries(polls_s, sent_N(polls_s) + random.normal(0.0, 10.0, len(polls_s)))
+    force = sent_N(samples_s) + random.normal(0.0, 5.0, len(samples_s))
     sensor = TimeSeries(samples_s + late_s, force)
     laid = match(reference, sensor, 0.004, reach_s=0.008, with_drift=True, course=Course(0.5))
     assert laid is not None

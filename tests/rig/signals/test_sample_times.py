@@ -35,7 +35,7 @@ def test_times_that_are_uniform_or_too_few_stay_as_they_are_bit_for_bit() -> Non
         found = sample_times(stamps_s)
         assert found.base is TimeBase.AS_READ
         assert np.array_equal(found.time_s, stamps_s - stamps_s[0])
-        assert found.told == ""
+        assert found.description == ""
 
 
 def test_missing_rows_stay_missing_and_a_pause_of_any_length_stays_a_pause() -> None:

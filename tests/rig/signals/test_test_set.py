@@ -27,7 +27,7 @@ def measured(*means_A: float, noise_A: float = 0.001, step_A: float = 0.0) -> li
 
 def requested(*pairs: tuple[float, float], noise_A: float = 0.001) -> list[CurrentReading | None]:
     """Tests by (requested, measured) current (A)."""
-    return [CurrentReading(mean_A, noise_A, requested_A=wanted_A) for wanted_A, mean_A in pairs]
+    return [CurrentReading(mean_A, noise_A, requested_A=target_A) for target_A, mean_A in pairs]
 
 
 @pytest.mark.parametrize("noise_A", [0.0, 0.001, 0.01])

@@ -13,8 +13,8 @@ def test_velocity_of_a_sine_has_its_amplitude_and_no_phase() -> None:
     displacement = 0.05 * np.sin(2 * np.pi * 2.0 * TIME_S)
     velocity, _ = velocity_of(TIME_S, displacement)
     inner = slice(HALF_WIDTH, -HALF_WIDTH)
-    wanted = 0.2 * np.pi * np.cos(2 * np.pi * 2.0 * TIME_S)
-    assert np.max(np.abs(velocity[inner] - wanted[inner])) < 0.01 * 0.2 * np.pi
+    expected = 0.2 * np.pi * np.cos(2 * np.pi * 2.0 * TIME_S)
+    assert np.max(np.abs(velocity[inner] - expected[inner])) < 0.01 * 0.2 * np.pi
     phase = np.angle(np.sum((velocity * np.exp(-2j * np.pi * 2.0 * TIME_S))[125:375]))
     assert phase == pytest.approx(0.0, abs=1e-3)
 
@@ -25,8 +25,8 @@ def test_velocity_is_missing_where_displacement_is_and_nowhere_else() -> None:
     displacement[[0, 1, 3, 400, 402, 410]] = np.nan
     velocity, _ = velocity_of(time_s, displacement)
     assert np.array_equal(np.isnan(velocity), np.isnan(displacement))
-    wanted = 0.1 * np.pi * np.cos(2 * np.pi * time_s)
-    assert np.nanmax(np.abs(velocity - wanted)) < 0.03 * 0.1 * np.pi
+    expected = 0.1 * np.pi * np.cos(2 * np.pi * time_s)
+    assert np.nanmax(np.abs(velocity - expected)) < 0.03 * 0.1 * np.pi
 
 
 @pytest.mark.parametrize("spread", [0.02, 0.1, 0.2])
@@ -36,8 +36,8 @@ def test_velocity_is_that_at_the_samples_own_times_when_these_are_not_even(sprea
     whole_ms = np.round(np.arange(0.0, 2.0, 0.0025) * 1e3) / 1e3  # 400 Hz in whole milliseconds
     for times_s in (time_s, whole_ms):
         velocity, _ = velocity_of(times_s, 0.05 * np.sin(2 * np.pi * times_s))
-        wanted = 0.1 * np.pi * np.cos(2 * np.pi * times_s)
-        assert np.max(np.abs(velocity - wanted)) < 0.01 * 0.1 * np.pi
+        expected = 0.1 * np.pi * np.cos(2 * np.pi * times_s)
+        assert np.max(np.abs(velocity - expected)) < 0.01 * 0.1 * np.pi
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 5, 8, 9, 10])
@@ -48,10 +48,10 @@ def test_velocity_of_a_few_samples_is_their_slope(count: int) -> None:
 
 def test_a_cubic_is_given_back_exactly_and_nothing_outside() -> None:
     values = TIME_S**3 - TIME_S
-    wanted_s = np.array([-0.1, 0.001, 0.5013, 1.0, 1.9970, 3.0])
-    found = cubic_at(wanted_s, TIME_S, values, 0.004)
+    query_s = np.array([-0.1, 0.001, 0.5013, 1.0, 1.9970, 3.0])
+    found = cubic_at(query_s, TIME_S, values, 0.004)
     assert np.isnan(found[[0, 1, 4, 5]]).all()
-    assert found[2:4] == pytest.approx(wanted_s[2:4] ** 3 - wanted_s[2:4], abs=1e-9)
+    assert found[2:4] == pytest.approx(query_s[2:4] ** 3 - query_s[2:4], abs=1e-9)
 
 
 @pytest.mark.parametrize("interpolate", [cubic_at, linear_at, monotone_at])
@@ -67,19 +67,19 @@ def test_a_resampled_value_never_leaves_the_range_of_its_two_neighbours(seed: in
     random = np.random.default_rng(seed)
     time_s = TIME_S + 1e-5 * random.uniform(-1.0, 1.0, len(TIME_S))
     values = 500.0 * np.abs((5.0 * time_s) % 2.0 - 1.0) * np.sign(np.sin(31.0 * time_s))
-    wanted_s = np.sort(random.uniform(0.01, 1.98, 4000))
-    found = monotone_at(wanted_s, time_s, values, 0.004)
-    right = np.searchsorted(time_s, wanted_s, side="right")
+    query_s = np.sort(random.uniform(0.01, 1.98, 4000))
+    found = monotone_at(query_s, time_s, values, 0.004)
+    right = np.searchsorted(time_s, query_s, side="right")
     low, high = (choose(values[right - 1], values[right]) for choose in (np.minimum, np.maximum))
     assert np.all((found >= low) & (found <= high))
-    overshooting = cubic_at(wanted_s, time_s, values, 0.004)
+    overshooting = cubic_at(query_s, time_s, values, 0.004)
     assert np.any((overshooting < low) | (overshooting > high)), "what a cubic does there"
 
 
 def test_a_resampled_sine_misses_little_of_its_amplitude() -> None:
-    wanted_s = np.linspace(0.01, 1.98, 3000)
-    found = monotone_at(wanted_s, TIME_S, np.sin(4 * np.pi * TIME_S), 0.004)
-    assert np.max(np.abs(found - np.sin(4 * np.pi * wanted_s))) < 5.0 / 125.0**2
+    query_s = np.linspace(0.01, 1.98, 3000)
+    found = monotone_at(query_s, TIME_S, np.sin(4 * np.pi * TIME_S), 0.004)
+    assert np.max(np.abs(found - np.sin(4 * np.pi * query_s))) < 5.0 / 125.0**2
 
 
 def test_flags_of_both_neighbours_are_joined() -> None:

@@ -6,7 +6,7 @@ from rig.bench.sensor_settings import Calibration, LoadCell, Lvdt
 from rig.bench.settings import ActuatorConfig, EcuConfig, Limits, StationConfig
 
 
-class Told(list[dict[str, object]]):
+class Journal(list[dict[str, object]]):
     """Events in the order they were emitted."""
 
     def slugs(self, event: str) -> list[object]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from demo_registers import STATUS
 from modbus_device import ModbusDevice, demo_actuator, framed
-from station_bench import Told, config_for
+from station_bench import Journal, config_for
 
 from drivers.register_maps.map_file import controller as described
 from drivers.roles import Command, Input, State
@@ -74,9 +74,9 @@ class Controller:
     def __init__(self, poll_s: float, frozen_after_ns: int) -> None:
         self.device = ModbusDevice()
         self.show(State.RUNNING)
-        self.told = Told()
+        self.journal = Journal()
         self.supervisor = Supervisor(
-            config_for(), self.told.append, lambda records: None, lambda now_ns: None, lambda: 0.0
+            config_for(), self.journal.append, lambda records: None, lambda now_ns: None, lambda: 0.0
         )
         self.thread = ActuatorThread(
             ActuatorConfig(url=self.device.url, poll_s=poll_s),
@@ -124,14 +124,14 @@ def controller() -> Iterator[Make]:
         each.close()
 
 
-def wait_for(wanted: Callable[[], bool]) -> bool:
-    return waited_s(wanted) < PATIENCE_S
+def wait_for(condition: Callable[[], bool]) -> bool:
+    return waited_s(condition) < PATIENCE_S
 
 
-def waited_s(wanted: Callable[[], bool]) -> float:
+def waited_s(condition: Callable[[], bool]) -> float:
     """Seconds until this is so, counted in naps: time for which this process was not run is in none of them."""
     naps = 0
-    while not wanted() and naps * NAP_S < PATIENCE_S:
+    while not condition() and naps * NAP_S < PATIENCE_S:
         time.sleep(NAP_S)
         naps += 1
     return naps * NAP_S
@@ -156,7 +156,7 @@ def test_a_stop_whose_number_another_master_used_first_is_sent_again_and_the_oth
     rig.supervisor.ask_stop(StopKind.FADE_OUT, "operator", "now")
     assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
     assert wait_for(lambda: rig.thread.stop_taken)
-    assert rig.told.slugs("also") == ["second-master"]
+    assert rig.journal.slugs("also") == ["second-master"]
 
 
 def test_a_fade_out_that_is_not_acknowledged_does_not_take_the_place_of_a_halt_that_waits(controller: Make) -> None:
@@ -235,7 +235,9 @@ def test_a_controller_without_a_position_leaves_the_proof_of_standstill_to_the_l
     assert clock_s is not None
 
 
-def test_what_the_controller_said_before_the_stop_was_sent_is_no_proof_that_the_rod_stands(controller: Make) -> None:
+def test_what_the_controller_reported_before_the_stop_was_sent_is_no_proof_that_the_rod_stands(
+    controller: Make,
+) -> None:
     rig = controller()
     clock_us = itertools.count(0, 2000)
 
@@ -260,20 +262,20 @@ def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_wi
     assert wait_for(lambda: rig.supervisor.trip is not None)
     assert rig.supervisor.trip is not None
     # A host that is itself held up is late first.
-    assert wait_for(lambda: "actuator-frozen" in [rig.supervisor.trip.slug, *rig.told.slugs("also")])
+    assert wait_for(lambda: "actuator-frozen" in [rig.supervisor.trip.slug, *rig.journal.slugs("also")])
     assert rig.thread.stop_inputs(monotonic_ns()) == (None, None, None, None)
     assert waited_s(lambda: (stop := rig.supervisor.stop) is not None and stop.step is StopPhase.UNKNOWN) < MOST_STOP_S
     assert Command.HYDRAULICS_OFF in rig.device.executed
-    assert "stop-ignored" in rig.told.slugs("also")
+    assert "stop-ignored" in rig.journal.slugs("also")
 
 
 def test_a_defect_on_its_thread_stops_the_motion_which_nobody_else_could(controller: Make) -> None:
-    def defect(*told: object) -> list[Finding]:
+    def defect(*arguments: object) -> list[Finding]:
         raise RuntimeError("a defect")
 
     rig = controller()
-    rig.thread.judge.judge = defect  # type: ignore[method-assign]  # stands for any defect on this thread
+    rig.thread.interlock.check = defect  # type: ignore[method-assign]  # stands for any defect on this thread
     rig.thread.start()
     assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
     assert rig.thread.alive
-    assert rig.told.slugs("trip") == ["task-dies"]
+    assert rig.journal.slugs("trip") == ["task-dies"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
 import pytest
-from station_bench import Told, config_for
+from station_bench import Journal, config_for
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind
@@ -106,9 +106,9 @@ class Rig:
 
     def __init__(self, capabilities: Capabilities) -> None:
         config = config_for()
-        self.told = Told()
+        self.journal = Journal()
         self.driver = LittleActuator(capabilities)
-        self.supervisor = Supervisor(config, self.told.append, lambda _: None, lambda _: None, lambda: 0.0)
+        self.supervisor = Supervisor(config, self.journal.append, lambda _: None, lambda _: None, lambda: 0.0)
         interlock = ActuatorInterlock(7, capabilities, frozen_after_ns=10**9, disagreement_m=1.0, lag_s=0.0)
         self.thread = ActuatorThread(
             config.actuator, self.driver, interlock, Lvdt(), self.supervisor, lambda _: None  # type: ignore[arg-type]  # does what is asked of it
@@ -155,7 +155,7 @@ def test_a_watchdog_that_is_not_there_is_neither_fed_nor_proved(rig: Callable[..
     assert without.preparation.starve_watchdog() is None
     timed = rig(watchdog=WatchdogKind.TIMEOUT)
     assert wait_for(lambda: timed.driver.fed > 20)
-    assert not timed.told, "no echo is expected of it, no lease, no acknowledgement"
+    assert not timed.journal, "no echo is expected of it, no lease, no acknowledgement"
 
 
 @pytest.mark.parametrize("able", ["limits_read_back", "settings_written"])
@@ -171,7 +171,7 @@ def test_what_it_holds_of_the_limits_is_written_and_compared(able: str, rig: Cal
 def test_a_status_that_has_become_stale_does_not_say_that_the_rod_stands(rig: Callable[..., Rig]) -> None:
     held = rig()
     assert wait_for(lambda: held.thread.rests(monotonic_ns()))
-    assert not held.thread.judge.moving(0.0)
+    assert not held.thread.interlock.moving(0.0)
     assert not held.thread.rests(monotonic_ns() + 10**12)
 
 
@@ -189,10 +189,10 @@ def test_without_lease_and_limits_nothing_of_it_is_prepared_but_the_thread_comma
     assert wait_for(lambda: little.thread.polls > 0)
     limits = little.preparation.prepare_controller()
     assert limits.force_max_N == 5000.0
-    assert little.thread.judge.leased
+    assert little.thread.interlock.leased
     assert little.driver.sent == []
     assert wait_for(lambda: little.thread.polls > 20)
-    assert not little.told
+    assert not little.journal
 
 
 def test_where_no_pressure_can_be_taken_away_a_stop_ends_with_the_rod_standing(rig: Callable[..., Rig]) -> None:

@@ -24,7 +24,7 @@ def status(acked: tuple[int, int], state: State = State.RUNNING, **changes: floa
 def found(sent: list[tuple[int, int]], *answers: ActuatorStatus) -> list[list[tuple[str, bool]]]:
     watch = CommandWatch(acknowledged=True)
     watch.expect_program(ORDERED)
-    return [[(finding.slug, finding.warns) for finding in watch.judge(answer, sent)] for answer in answers]
+    return [[(finding.slug, finding.warns) for finding in watch.check(answer, sent)] for answer in answers]
 
 
 STOPS = [("second-master", False)]
@@ -36,22 +36,22 @@ def test_another_clients_command_stops_whatever_its_number(command: int, number:
     assert found(STARTED, status(STARTED[-1]), status((number, command))) == [[], STOPS]
 
 
-def test_another_hosts_question_that_was_refused_is_told_once_and_stops_nothing() -> None:
+def test_another_hosts_question_that_was_refused_is_reported_once_and_stops_nothing() -> None:
     knock = status((9, Command.ACQUIRE), result=Result.REFUSED_OWNER)
     assert found(STARTED, knock, knock, status(STARTED[-1])) == [[("second-master", True)], [], []]
 
 
-def test_what_was_asked_for_before_this_host_came_is_nobodys_doing_and_a_change_of_it_is() -> None:
+def test_what_was_requested_before_this_host_came_is_nobodys_doing_and_a_change_of_it_is() -> None:
     """A controller without a lease still shows yesterday's last command."""
     shown = [(512, Command.HALT), (513, Command.RESET), (9, Command.START)]
     yesterday, ours, theirs = (status(one, State.HOLD, program_id=0) for one in shown)
     watch = CommandWatch(acknowledged=True)
     sent: list[tuple[int, int]] = []
-    assert [watch.judge(yesterday, sent), watch.judge(yesterday, sent)] == [[], []]
+    assert [watch.check(yesterday, sent), watch.check(yesterday, sent)] == [[], []]
     sent.append((513, Command.RESET))
-    assert [watch.judge(yesterday, sent), watch.judge(ours, sent)] == [[], []]
-    assert [finding.slug for finding in watch.judge(yesterday, sent)] == ["second-master"], "after ours it is new"
-    assert [finding.slug for finding in watch.judge(theirs, sent)] == ["second-master"]
+    assert [watch.check(yesterday, sent), watch.check(ours, sent)] == [[], []]
+    assert [finding.slug for finding in watch.check(yesterday, sent)] == ["second-master"], "after ours it is new"
+    assert [finding.slug for finding in watch.check(theirs, sent)] == ["second-master"]
 
 
 def test_a_motion_command_without_the_lease_is_no_question() -> None:
@@ -75,12 +75,12 @@ def test_pressure_that_was_not_reached_yet_has_not_gone() -> None:
     assert found(ARMED, low, low, low, status(ARMED[-1], State.HOLD)) == [[], [], [], []]
 
 
-@pytest.mark.parametrize(("done", "said"), [(7, STOPS), (8, []), (0, STOPS)])
+@pytest.mark.parametrize(("done", "message"), [(7, STOPS), (8, []), (0, STOPS)])
 def test_a_program_that_ends_before_its_cycles_are_done_was_stopped_by_somebody(
-    done: int, said: list[tuple[str, bool]]
+    done: int, message: list[tuple[str, bool]]
 ) -> None:
     ended = status(STARTED[-1], State.HOLD, cycles_done=done)
-    assert found(STARTED, status(STARTED[-1]), ended, ended) == [[], said, []]
+    assert found(STARTED, status(STARTED[-1]), ended, ended) == [[], message, []]
 
 
 def test_a_program_that_was_not_started_here_is_somebody_elses() -> None:

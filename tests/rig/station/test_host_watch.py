@@ -29,7 +29,7 @@ def busy(made: HostWatch, begin_ms: int, end_ms: int) -> None:
         made.heard(ms * MS)
 
 
-def judged(made: HostWatch, last_ms: float, now_ms: float, slug: str = "lvdt-pulled") -> str | None:
+def slug_of(made: HostWatch, last_ms: float, now_ms: float, slug: str = "lvdt-pulled") -> str | None:
     finding = made.missed("lvdt", slug, round(last_ms * MS), STALE_MS * MS, round(now_ms * MS))
     return None if finding is None else finding.slug
 
@@ -42,18 +42,18 @@ def findings(made: HostWatch) -> Iterator[Finding | None]:
 def test_a_device_is_silent_while_others_are_heard() -> None:
     made = host()
     busy(made, 0, 120)
-    assert judged(made, 100.0, 120.0) is None
-    assert judged(made, 99.9, 120.0) == "lvdt-pulled"
+    assert slug_of(made, 100.0, 120.0) is None
+    assert slug_of(made, 99.9, 120.0) == "lvdt-pulled"
     assert not list(findings(made))
 
 
 @pytest.mark.parametrize("held_ms", [11, 25, 49])
-def test_a_station_that_was_held_up_blames_nobody_and_looks_again(held_ms: int) -> None:
+def test_a_station_that_was_held_up_blames_no_device_and_looks_again(held_ms: int) -> None:
     made = host()
     busy(made, 0, 100)
     woken_ms = 100 + held_ms
     made.awake(woken_ms * MS)
-    assert judged(made, 96.0, woken_ms) is None
+    assert slug_of(made, 96.0, woken_ms) is None
     assert (made.count, made.worst_ns) == (1, held_ms * MS)
     assert list(findings(made)) == [None], "short enough to go on"
 
@@ -62,9 +62,9 @@ def test_a_cable_that_went_while_the_station_was_held_up_is_named_a_stale_after_
     made = host()
     busy(made, 0, 100)
     busy(made, 140, 160)
-    assert judged(made, 96.0, 160.0) is None
+    assert slug_of(made, 96.0, 160.0) is None
     busy(made, 161, 161)
-    assert judged(made, 96.0, 160.1) == "lvdt-pulled"
+    assert slug_of(made, 96.0, 160.1) == "lvdt-pulled"
 
 
 @pytest.mark.parametrize(
@@ -106,9 +106,9 @@ def test_when_no_device_at_all_is_heard_it_is_not_one_of_them_that_went() -> Non
     busy(made, 0, 100)
     for ms in range(100, 171, 5):
         made.awake(ms * MS)
-        assert judged(made, 100.0, ms) is None
+        assert slug_of(made, 100.0, ms) is None
     made.awake(175 * MS)
-    assert judged(made, 100.0, 175.0) == "host-late"
+    assert slug_of(made, 100.0, 175.0) == "host-late"
 
 
 def test_devices_that_are_heard_again_after_a_common_silence_are_well() -> None:
@@ -117,8 +117,8 @@ def test_devices_that_are_heard_again_after_a_common_silence_are_well() -> None:
     for ms in range(105, 138, 5):
         made.awake(ms * MS)
     busy(made, 138, 158)
-    assert judged(made, 96.0, 158.0) is None
-    assert judged(made, 96.0, 158.1) == "lvdt-pulled", "this one did not come back"
+    assert slug_of(made, 96.0, 158.0) is None
+    assert slug_of(made, 96.0, 158.1) == "lvdt-pulled", "this one did not come back"
     assert made.total_ns == 38 * MS
 
 
@@ -143,7 +143,7 @@ def test_a_thread_that_alone_was_kept_waiting_says_so() -> None:
     reader = Listener(made, 100 * MS)
     busy(made, 104, 148)
     assert reader.returned(0.02, 150 * MS, heard=False) == 30 * MS
-    assert judged(made, 100.0, 150.0) is None
+    assert slug_of(made, 100.0, 150.0) is None
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -153,17 +153,17 @@ def test_of_random_hold_ups_no_healthy_device_is_blamed_and_a_pulled_one_always_
     reader, blamed_ms = Listener(made, 0), None
     while blamed_ms is None and now_ms < 3300.0:
         held_ms = chance.choice([0.0] * 12 + [chance.uniform(5.0, 45.0)])
-        asked_ms = max(0.2, last_ms + STALE_MS + 0.2 - now_ms)
+        request_ms = max(0.2, last_ms + STALE_MS + 0.2 - now_ms)
         comes_ms = PERIOD_MS * (now_ms // PERIOD_MS + 1)
         sends = comes_ms < pulled_ms
-        waited_ms = min(comes_ms - now_ms if sends else PERIOD_MS, asked_ms)
+        waited_ms = min(comes_ms - now_ms if sends else PERIOD_MS, request_ms)
         now_ms += waited_ms + held_ms
         seen = sends and now_ms >= comes_ms
         # While it waits the others are read, unless the whole process is held up.
         made.heard(round((now_ms - held_ms) * MS))
         reader.returned(1e-3 * waited_ms, round(now_ms * MS), heard=seen)
         last_ms = now_ms if seen else last_ms
-        if not seen and judged(made, last_ms, now_ms) is not None:
+        if not seen and slug_of(made, last_ms, now_ms) is not None:
             blamed_ms = now_ms
     assert blamed_ms is not None
     assert pulled_ms < blamed_ms

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from station_bench import Told, config_for
+from station_bench import Journal, config_for
 
 from drivers.ring import Channel, Record
 from drivers.sample_stream import Batch
@@ -82,12 +82,14 @@ class Outcome:
 
     def __init__(self, port: Port, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sensor_thread, "monotonic_ns", port.monotonic_ns)
-        self.told, self.ring = Told(), list[Record]()
-        self.supervisor = Supervisor(config_for(), self.told.append, self.ring.extend, lambda now_ns: None, lambda: 0.0)
+        self.journal, self.ring = Journal(), list[Record]()
+        self.supervisor = Supervisor(
+            config_for(), self.journal.append, self.ring.extend, lambda now_ns: None, lambda: 0.0
+        )
         self.supervisor.host.watch(0)
         given = replace(self.supervisor.config.load_cell, stale_after_s=1e-3 * STALE_MS)
-        judge = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
-        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
+        interlock = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
+        role = SensorRole("loadcell-pulled", Channel.FORCE, interlock, None, None, None)
         self.thread = SensorThread(given, port, role, self.supervisor, self.ring.extend)
         port.ended, port.ticks = self.thread.end, self.supervisor.host.awake
         self.supervisor.arm()
@@ -102,7 +104,7 @@ def test_a_thread_that_is_woken_late_takes_nobodys_cable_for_pulled(
 ) -> None:
     outcome = Outcome(Port({100: held_ms, 180: held_ms, 300: held_ms}, empty=empty), monkeypatch)
     assert outcome.supervisor.trip is None
-    assert not outcome.told.slugs("warning")
+    assert not outcome.journal.slugs("warning")
     assert [record[3] for record in outcome.samples] == list(range(1, len(outcome.samples) + 1)), "none is missing"
     late = [record for record in outcome.samples if record[5] & Quality.STALE]
     assert 3 * (held_ms // PERIOD_MS) <= len(late) <= 3 * (held_ms // PERIOD_MS + 3)
@@ -110,9 +112,9 @@ def test_a_thread_that_is_woken_late_takes_nobodys_cable_for_pulled(
     assert not any(record[5] for record in outcome.samples if record not in late)
 
 
-def test_every_sample_that_waited_is_judged_by_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_sample_that_waited_is_evaluated_by_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = Outcome(Port({100: 40}, empty=True, peak=28), monkeypatch)
-    assert outcome.told.slugs("trip") == ["force-limit"], "a sample of the middle of what waited"
+    assert outcome.journal.slugs("trip") == ["force-limit"], "a sample of the middle of what waited"
 
 
 @pytest.mark.parametrize("pulled_ms", [60, 95, 105, 120, 139, 141, 160])
@@ -129,8 +131,8 @@ def test_a_cable_pulled_before_within_or_after_a_late_time_is_seen_within_a_boun
         assert seen_ms > 140
 
 
-def test_a_thread_that_was_kept_for_too_long_names_the_host_and_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_thread_that_was_kept_for_too_long_names_only_the_host(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = Outcome(Port({100: 60}, empty=True), monkeypatch)
     outcome.supervisor.tick(outcome.thread.silent_ns(0)[1])
-    assert outcome.told.slugs("trip") == ["host-late"]
-    assert not outcome.told.slugs("also")
+    assert outcome.journal.slugs("trip") == ["host-late"]
+    assert not outcome.journal.slugs("also")

@@ -13,13 +13,13 @@ LAG_S = 0.05
 
 def found(measured_share: float, seconds: float = 6.0, *, law: bool = True) -> list[str]:
     """Findings, with their times, on a current between 0 and 1 A that changes every 70 ms."""
-    judge = LawInterlock(SourceTiming(status_s=PERIOD_S), SETTLING_S)
-    judge.follow(law=law)
+    interlock = LawInterlock(SourceTiming(status_s=PERIOD_S), SETTLING_S)
+    interlock.follow(law=law)
     current_A, seen = 0.0, []
     for n in range(round(seconds / PERIOD_S)):
-        asked_A = float(int(n / 7) % 2)
-        current_A += (1.0 - math.exp(-PERIOD_S / LAG_S)) * (measured_share * asked_A - current_A)
-        findings = judge.judge(SourceStatus(2, current_A, 0), asked_A, int(1e9 * n * PERIOD_S))
+        requested_A = float(int(n / 7) % 2)
+        current_A += (1.0 - math.exp(-PERIOD_S / LAG_S)) * (measured_share * requested_A - current_A)
+        findings = interlock.check(SourceStatus(2, current_A, 0), requested_A, int(1e9 * n * PERIOD_S))
         seen += [f"{finding.slug}@{n * PERIOD_S:.2f}" for finding in findings]
     return seen
 
@@ -36,5 +36,5 @@ def test_a_source_that_drives_too_much_is_found() -> None:
     assert [text.partition("@")[0] for text in found(1.6)] == ["current-tracking"]
 
 
-def test_a_current_that_is_no_law_s_is_not_judged_here() -> None:
+def test_a_current_that_is_no_law_s_is_not_evaluated_here() -> None:
     assert found(0.0, law=False) == []

@@ -46,7 +46,9 @@ def left(monkeypatch: pytest.MonkeyPatch, own_faults: int = 0, **able: bool) -> 
     assert isinstance(here.driver, Watched)
     assert wait_for(lambda: here.driver.fed > 3)
     here.driver.own_faults = own_faults
-    assert wait_for(lambda: here.thread.judge.status is not None and here.thread.judge.status.fault_bits == own_faults)
+    assert wait_for(
+        lambda: here.thread.interlock.status is not None and here.thread.interlock.status.fault_bits == own_faults
+    )
     here.supervisor.disarm()
     here.preparation.leave_controller()
     return here, [command for _, command in here.driver.sent]
@@ -58,7 +60,7 @@ def test_the_watchdogs_trip_that_follows_is_reset_and_does_not_come_back(monkeyp
     polls = here.thread.polls
     assert wait_for(lambda: here.thread.polls > polls + 20)
     assert here.driver.trip == 0  # type: ignore[attr-defined]  # a `Watched`
-    assert not here.told, "its trip was expected"
+    assert not here.journal, "its trip was expected"
     here.thread.end()
 
 

@@ -10,29 +10,29 @@ from rig.station.interlocks.line_interlock import BLOCK_NS, ClockWatch, LineInte
 MS = 1_000_000
 
 
-def told(judge: LineInterlock, *reads: tuple[int, int]) -> list[bool | None]:
+def found(interlock: LineInterlock, *reads: tuple[int, int]) -> list[bool | None]:
     """For each read: None without a finding, else whether it only warns."""
-    found = [judge.judge(good, damaged, 0) for good, damaged in reads]
+    found = [interlock.check(good, damaged, 0) for good, damaged in reads]
     return [findings[0].warns if findings else None for findings in found]
 
 
 def test_one_damaged_frame_warns_and_three_of_twenty_five_stop() -> None:
-    judge = LineInterlock("load_cell", 250.0)
-    assert told(judge, (10, 0), (4, 1), (4, 1), (4, 1)) == [None, True, True, False]
+    interlock = LineInterlock("load_cell", 250.0)
+    assert found(interlock, (10, 0), (4, 1), (4, 1), (4, 1)) == [None, True, True, False]
 
 
 def test_damage_of_long_ago_counts_no_more() -> None:
-    judge = LineInterlock("load_cell", 250.0)
-    assert told(judge, (4, 1), (4, 1), *[(5, 0)] * 6, (4, 1)) == [True, True, *[None] * 6, True]
+    interlock = LineInterlock("load_cell", 250.0)
+    assert found(interlock, (4, 1), (4, 1), *[(5, 0)] * 6, (4, 1)) == [True, True, *[None] * 6, True]
 
 
 def test_at_10_kHz_a_tenth_of_the_last_thousand_frames_stops() -> None:
-    judge = LineInterlock("load_cell", 10_000.0)
-    assert told(judge, *[(90, 9)] * 10, (80, 20)) == [*[True] * 10, False]
+    interlock = LineInterlock("load_cell", 10_000.0)
+    assert found(interlock, *[(90, 9)] * 10, (80, 20)) == [*[True] * 10, False]
 
 
 def test_damage_without_any_good_frame_is_left_to_the_silence() -> None:
-    assert told(LineInterlock("load_cell", 250.0), (0, 30)) == [True]
+    assert found(LineInterlock("load_cell", 250.0), (0, 30)) == [True]
 
 
 def watch(ppm: float, seconds: float, *, leap_s: float = 0.0, device_rate: float = 1.0) -> ClockWatch:
@@ -54,7 +54,7 @@ def test_a_leap_of_the_clock_is_no_rate() -> None:
     assert watch(0.0, 20.0, leap_s=0.2).ppm == pytest.approx(0.0, abs=60.0)
 
 
-def test_nothing_is_said_too_early_nor_of_a_clock_that_does_not_run_at_the_walls_rate() -> None:
+def test_nothing_is_reported_too_early_nor_of_a_clock_that_does_not_run_at_the_walls_rate() -> None:
     assert math.isnan(watch(500.0, 8.0).ppm)
     assert math.isnan(watch(500.0, 30.0, device_rate=5.0).ppm)
 

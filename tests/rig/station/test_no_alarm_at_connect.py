@@ -46,16 +46,16 @@ class Closing:
 
 
 def test_a_thread_that_is_ended_since_another_device_is_refused_has_not_died() -> None:
-    told: list[dict[str, object]] = []
-    supervisor = Supervisor(config_for(), told.append, lambda _: None, lambda _: None, lambda: 0.0)
+    journal: list[dict[str, object]] = []
+    supervisor = Supervisor(config_for(), journal.append, lambda _: None, lambda _: None, lambda: 0.0)
     supervisor.watchdogs.watched = (Ended(),)
     supervisor.tick(monotonic_ns())
-    assert [one["slug"] for one in told] == ["task-dies"], "one that ends by itself is named"
-    told.clear()
+    assert [one["slug"] for one in journal] == ["task-dies"], "one that ends by itself is named"
+    journal.clear()
     supervisor._warned.clear()
     Devices.close(Closing(supervisor))  # type: ignore[arg-type]  # only its devices are asked for
     supervisor.tick(monotonic_ns())
-    assert told == []
+    assert journal == []
 
 
 def test_a_request_that_keeps_the_polls_waiting_is_no_silence_while_nothing_may_move() -> None:
@@ -86,10 +86,10 @@ def test_an_ecu_whose_state_comes_later_than_its_current_is_not_silent_at_connec
     )
     later_ns = monotonic_ns() + int(2e9 * config.ecu.stale_after_s)
     nothing = SourceBatch([], [], [], 0, 0, later_ns)
-    assert [one.slug for one in coil._judge(nothing)] == ["ecu-silent"], "nothing is heard at all"
+    assert [one.slug for one in coil._check_batch(nothing)] == ["ecu-silent"], "nothing is heard at all"
     source._current_heard = True
     assert source.waits_for_state
-    assert coil._judge(nothing) == []
+    assert coil._check_batch(nothing) == []
     assert coil.silent_ns(later_ns)[0] == 0
     supervisor.arm()
-    assert [one.slug for one in coil._judge(nothing)] == ["ecu-silent"]
+    assert [one.slug for one in coil._check_batch(nothing)] == ["ecu-silent"]

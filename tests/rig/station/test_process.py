@@ -141,13 +141,13 @@ def test_ring_exists_when_the_station_is_ready_and_its_writer_beats(client: Stat
         assert reader.writer_heartbeat_ns > 0
 
 
-def speak(folder: Path, config: str, said: bytes, **environment: str) -> tuple[int, list[dict[str, object]], str]:
+def speak(folder: Path, config: str, data: bytes, **environment: str) -> tuple[int, list[dict[str, object]], str]:
     """Start the station as any program would and talk bytes to it."""
     path = folder / "station.json"
     path.write_text(config)
     ended = subprocess.run(
         [sys.executable, "-m", "rig.station", str(path)],
-        input=said,
+        input=data,
         capture_output=True,
         timeout=30,
         check=False,
@@ -157,8 +157,8 @@ def speak(folder: Path, config: str, said: bytes, **environment: str) -> tuple[i
 
 
 def test_garbage_on_the_link_is_answered_by_warnings_and_requests_behind_it_are_heard(tmp_path: Path) -> None:
-    said = b'\n{"do"\n\xff\xfe\n[1]\n{"id": 5, "do": "dance"}\n{"id": 6, "do": "shutdown"}\n'
-    code, messages, _ = speak(tmp_path, config_in(tmp_path).to_json(), said)
+    data = b'\n{"do"\n\xff\xfe\n[1]\n{"id": 5, "do": "dance"}\n{"id": 6, "do": "shutdown"}\n'
+    code, messages, _ = speak(tmp_path, config_in(tmp_path).to_json(), data)
     assert code == 0
     assert [message.get("event") for message in messages].count("warning") == 3
     assert {message["id"] for message in messages if "id" in message} >= {6}
@@ -171,7 +171,7 @@ def test_wrong_configuration_ends_it_with_exit_code_2_and_a_message(tmp_path: Pa
     assert "actuator: missing" in error or "limits" in error
 
 
-def test_no_room_for_the_samples_is_said_in_one_line(tmp_path: Path) -> None:
+def test_no_room_for_the_samples_is_reported_in_one_line(tmp_path: Path) -> None:
     most = resource.RLIMIT_FSIZE
     before = resource.getrlimit(most)
     resource.setrlimit(most, (1 << 20, before[1]))

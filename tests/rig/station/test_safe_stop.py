@@ -164,7 +164,7 @@ def test_current_that_comes_back_is_not_zero() -> None:
     assert not stop.current_zero
 
 
-def test_a_current_that_comes_back_after_its_deadline_is_stuck_and_told_each_time() -> None:
+def test_a_current_that_comes_back_after_its_deadline_is_stuck_and_reported_each_time() -> None:
     stop, _ = run(begin(), replace(MOVING, current_A=0.0), 400)
     stop, actions = run(stop, MOVING, 800, from_ms=400)
     assert actions == [(655, StopAction.CURRENT_STUCK)], "given the time of a first 0 A: one sample may be noise"
@@ -186,7 +186,7 @@ def test_a_current_that_is_measured_to_the_end_is_no_safe_end_also_when_its_sour
     assert (gone.step, gone.current_left_A) == (StopPhase.SAFE, None)
 
 
-def test_one_sample_of_noise_after_a_proved_0_A_is_no_stuck_current_but_judged_before_the_end() -> None:
+def test_one_sample_of_noise_after_a_proved_0_A_is_no_stuck_current_but_evaluated_before_the_end() -> None:
     stop, _ = run(begin(), replace(MOVING, current_A=0.0), 400)
     stop, actions = run(stop, replace(AT_REST, current_A=0.051), 410, from_ms=400)
     assert (stop.step, stop.current_zero, actions) == (StopPhase.STOPPING, False, [])
@@ -203,7 +203,7 @@ def test_a_rod_that_moves_on_while_the_current_is_waited_for_takes_its_standstil
     assert actions == (StopAction.HALT,)
 
 
-def test_a_halt_asked_for_while_the_pressure_is_taken_away_does_not_give_that_its_time_again() -> None:
+def test_a_halt_requested_while_the_pressure_is_taken_away_does_not_give_that_its_time_again() -> None:
     stop, actions = run(begin(fade_s=0.5), replace(MOVING, current_A=0.0), 1000)
     assert StopAction.HYDRAULICS_OFF in [action for _, action in actions]
     assert stop.step is StopPhase.OFF
@@ -365,5 +365,5 @@ def test_a_source_that_falls_by_itself_later_than_anybody_waits_for_proves_nothi
         def __init__(self, falls_within_s: float | None) -> None:
             self.falls_within_s = falls_within_s
 
-    told = [safe_stop.of_source(begin(), Source(falls_s)).current_falls_s for falls_s in (0.6, 5.0, 5.1, 60.0, None)]
-    assert told == [0.6, 5.0, None, None, None]
+    stops = [safe_stop.of_source(begin(), Source(falls_s)).current_falls_s for falls_s in (0.6, 5.0, 5.1, 60.0, None)]
+    assert stops == [0.6, 5.0, None, None, None]

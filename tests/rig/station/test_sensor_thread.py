@@ -10,7 +10,7 @@ import tty
 from collections.abc import Callable, Iterator
 
 import pytest
-from station_bench import Told, config_for
+from station_bench import Journal, config_for
 
 from drivers.ring import Channel
 from drivers.serial_sensor import DEFAULT_FORMAT, SerialSensor
@@ -37,17 +37,17 @@ class Cable:
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         url = os.ttyname(self._slave)
-        self.told = Told()
+        self.journal = Journal()
         self.supervisor = Supervisor(
-            config_for(url), self.told.append, lambda records: None, lambda now_ns: None, lambda: 0.0
+            config_for(url), self.journal.append, lambda records: None, lambda now_ns: None, lambda: 0.0
         )
         given = LoadCell(
             url=url, rate_Hz=1.0 / PERIOD_S, range_N=10e3, stale_after_s=STALE_S, format=line_format,
             calibration=Calibration(serial_number="LC-1"),
         )
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
-        judge = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
-        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, motion, None, None)
+        interlock = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
+        role = SensorRole("loadcell-pulled", Channel.FORCE, interlock, motion, None, None)
         self.thread = SensorThread(given, driver, role, self.supervisor, lambda records: None)
         self.thread.open()
         self.thread.start()
@@ -63,13 +63,13 @@ class Cable:
 
     def send(self, line: Line, samples: int) -> None:
         """Send so many samples, and wait until the station has read them."""
-        wanted = self.thread.samples + samples
+        count = self.thread.samples + samples
         for _ in range(samples):
             self._write(line)
         deadline = time.monotonic() + PATIENCE_S
-        while self.thread.samples < wanted and time.monotonic() < deadline:
+        while self.thread.samples < count and time.monotonic() < deadline:
             time.sleep(PERIOD_S)
-        assert self.thread.samples == wanted
+        assert self.thread.samples == count
 
     def _write(self, line: Line) -> None:
         os.write(self._master, line(self._number))
@@ -187,9 +187,9 @@ def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], 
     began_s = time.monotonic()
     line.send(lambda number: frame(math.nan if number % 10 == 0 else 120.0)(number), 100)
     assert line.supervisor.trip is None
-    told = line.told.slugs("warning")
-    assert set(told) == {"sensor-nan"}
-    assert len(told) <= 1 + int(time.monotonic() - began_s), "told once a second, not once a sample"
+    warnings = line.journal.slugs("warning")
+    assert set(warnings) == {"sensor-nan"}
+    assert len(warnings) <= 1 + int(time.monotonic() - began_s), "told once a second, not once a sample"
 
 
 def test_a_sensor_that_reports_a_fault_from_power_on_stops_the_rig_once_it_is_armed(
@@ -203,5 +203,5 @@ def test_a_sensor_that_reports_a_fault_from_power_on_stops_the_rig_once_it_is_ar
     assert line.supervisor.trip is not None
     assert line.supervisor.trip.slug == "sensor-fault"
     line.send(frame(120.0, 2), 50)
-    assert line.told.slugs("trip") == ["sensor-fault"]
-    assert line.told.slugs("warning") == ["sensor-fault"], "one before arming; fifty more samples tell nothing new"
+    assert line.journal.slugs("trip") == ["sensor-fault"]
+    assert line.journal.slugs("warning") == ["sensor-fault"], "one before arming; fifty more samples tell nothing new"

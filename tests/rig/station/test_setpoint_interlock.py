@@ -146,7 +146,7 @@ LIMITS = Limits(
 
 
 @pytest.mark.parametrize(
-    ("program", "said"),
+    ("program", "message"),
     [
         (Program(Waveform.SINE, 0.02, 5.0), []),
         (Program(Waveform.SINE, 0.002, 5.1), ["at most 5 Hz"]),
@@ -156,8 +156,8 @@ LIMITS = Limits(
     ],
 )
 def test_a_motion_beyond_the_limits_or_with_too_few_set_points_is_not_streamed(
-    program: Program, said: list[str]
+    program: Program, message: list[str]
 ) -> None:
     problems = unfollowable(program, LIMITS, PERIOD_S)
-    assert len(problems) == len(said)
-    assert all(words in problem for words, problem in zip(said, problems, strict=True))
+    assert len(problems) == len(message)
+    assert all(words in problem for words, problem in zip(message, problems, strict=True))

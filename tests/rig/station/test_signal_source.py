@@ -65,7 +65,7 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (sent(amplitude_m=0.05), "above zero .* 0.052 m"),
         (sent(amplitude_m=-0.06), "below zero .* 0.058 m"),
@@ -86,8 +86,8 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
         ([1.0], "not a table"),
     ],
 )  # fmt: skip
-def test_what_is_beyond_the_machine_is_not_begun(given: object, said: str) -> None:
-    with pytest.raises(StationRefused, match=said):
+def test_what_is_beyond_the_machine_is_not_begun(given: object, message: str) -> None:
+    with pytest.raises(StationRefused, match=message):
         signal_order(given, LIMITS, HALT)
 
 

@@ -27,7 +27,7 @@ def first_stuck(
     """When a load cell is called stuck (s); its value stands from `stuck_s` on. The rod rests for the first second."""
     random = np.random.default_rng(3)
     channel = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-1e5, high=1e5, span=1e5))
-    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    interlock = StandingInterlock(SAMPLES, FLOOR_N)
     path_m, before_m, held, reference = 0.0, 0.0, math.nan, Reference(0, 0.0, 0.0)
     for number in range(int((1.0 + 4.0 / frequency_Hz) * RATE_HZ)):
         t_s = number / RATE_HZ
@@ -40,9 +40,9 @@ def first_stuck(
             reference = Reference(number // POLL_SAMPLES, path_m, true_N + 10.0 * random.standard_normal())
         value_N = round((true_N + noise_N * random.standard_normal()) / resolution_N) * resolution_N
         held = value_N if t_s < stuck_s else held
-        channel.judge([(number, number, held, number, 1, 0)])
+        channel.check([(number, number, held, number, 1, 0)])
         step_N = channel.step if math.isfinite(channel.step) else 0.0
-        if judge.judge(channel.repeats, reference, fine=channel.fine, step=step_N):
+        if interlock.check(channel.repeats, reference, fine=channel.fine, step=step_N):
             return t_s
     return None
 
@@ -76,49 +76,49 @@ def test_a_coarse_load_cell_that_stands_is_seen_by_the_controllers_own_force(fre
 
 
 def test_a_rod_at_rest_calls_nothing_stuck() -> None:
-    judge = StandingInterlock(SAMPLES, FLOOR_N)
-    said = [judge.judge(number, Reference(number, 0.0, 5.0), fine=True, step=0.0) for number in range(1000)]
-    assert not any(said)
+    interlock = StandingInterlock(SAMPLES, FLOOR_N)
+    found = [interlock.check(number, Reference(number, 0.0, 5.0), fine=True, step=0.0) for number in range(1000)]
+    assert not any(found)
 
 
 def test_an_lvdt_of_coarse_steps_stands_at_a_reversal_and_is_well() -> None:
-    judge, path_m = StandingInterlock(SAMPLES, 1e-3), 0.0
+    interlock, path_m = StandingInterlock(SAMPLES, 1e-3), 0.0
     for number in range(100):
         path_m += 1e-5
-        assert not judge.judge(number, Reference(number, path_m, 1e-5 * number % 2e-4), fine=False, step=1e-4)
+        assert not interlock.check(number, Reference(number, path_m, 1e-5 * number % 2e-4), fine=False, step=1e-4)
 
 
-def judged(judge: StandingInterlock, repeats: int, polls: int, path_m: float) -> bool:
-    return judge.judge(repeats, Reference(polls, path_m, 5.0), fine=True, step=0.0)
+def is_stuck(interlock: StandingInterlock, repeats: int, polls: int, path_m: float) -> bool:
+    return interlock.check(repeats, Reference(polls, path_m, 5.0), fine=True, step=0.0)
 
 
 def test_samples_that_come_later_than_the_controllers_word_call_nothing_stuck() -> None:
     """A rig twenty times faster than life: what was sent at rest is read after the motion's first polls."""
-    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    interlock = StandingInterlock(SAMPLES, FLOOR_N)
     for number in range(40):  # at rest, noise changes the value now and then, the last time just before the motion
-        judge.forget(Reference(number, 0.0, 5.0))
-    assert not judged(judge, 1, 39, 0.0)
-    assert not any(judged(judge, 1 + 30 * late, 39 + late, 5e-3 * late) for late in range(1, 6))
+        interlock.forget(Reference(number, 0.0, 5.0))
+    assert not is_stuck(interlock, 1, 39, 0.0)
+    assert not any(is_stuck(interlock, 1 + 30 * late, 39 + late, 5e-3 * late) for late in range(1, 6))
 
 
 def test_a_value_that_stands_from_the_rest_on_is_seen_five_polls_after_the_motion() -> None:
-    judge = StandingInterlock(SAMPLES, FLOOR_N)
-    assert not any(judged(judge, 1 + number, number, 0.0) for number in range(40))
-    said = [judged(judge, 41 + late, 40 + late, 1e-3 * late) for late in range(10)]
-    assert said.index(True) == 6, "in the first poll it had gone no way, in the second it had"
+    interlock = StandingInterlock(SAMPLES, FLOOR_N)
+    assert not any(is_stuck(interlock, 1 + number, number, 0.0) for number in range(40))
+    found = [is_stuck(interlock, 41 + late, 40 + late, 1e-3 * late) for late in range(10)]
+    assert found.index(True) == 6, "in the first poll it had gone no way, in the second it had"
 
 
 def test_a_value_that_followed_the_motion_and_then_stands_is_seen_at_once() -> None:
-    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    interlock = StandingInterlock(SAMPLES, FLOOR_N)
     for number in range(10):
-        judge.forget(Reference(number, 1e-3 * number, 5.0))
-    said = [judged(judge, 1 + 10 * late, 10 + late, 1e-3 * (10 + late)) for late in range(10)]
-    assert said.index(True) == math.ceil((SAMPLES - 1) / 10)
+        interlock.forget(Reference(number, 1e-3 * number, 5.0))
+    found = [is_stuck(interlock, 1 + 10 * late, 10 + late, 1e-3 * (10 + late)) for late in range(10)]
+    assert found.index(True) == math.ceil((SAMPLES - 1) / 10)
 
 
 def test_a_rod_that_came_to_rest_after_the_controllers_last_word_is_not_stuck() -> None:
-    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    interlock = StandingInterlock(SAMPLES, FLOOR_N)
     for number in range(10):
-        judge.forget(Reference(number, 1e-3 * number, 5.0))
-    assert not judged(judge, 1, 9, 9e-3)
-    assert not any(judged(judge, 1 + 30 * late, 9 + late, 12e-3) for late in range(1, 20))
+        interlock.forget(Reference(number, 1e-3 * number, 5.0))
+    assert not is_stuck(interlock, 1, 9, 9e-3)
+    assert not any(is_stuck(interlock, 1 + 30 * late, 9 + late, 12e-3) for late in range(1, 20))

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.station.live_folder import address, tell
+from rig.station.live_folder import address, send_message
 from rig.station.stop_socket import BREATH_S, StopSocket
 
 WAIT_S = 20.0
@@ -38,8 +38,8 @@ def stops(tmp_path: Path) -> Iterator[Stops]:
     made.door.close()
 
 
-def test_a_stop_is_passed_on_with_who_asked(stops: Stops) -> None:
-    assert tell(stops.path, {"do": "stop", "by": "Ada"})
+def test_a_stop_is_passed_on_with_who_requested(stops: Stops) -> None:
+    assert send_message(stops.path, {"do": "stop", "by": "Ada"})
     assert stops.heard.wait(WAIT_S)
     assert stops.by == ["Ada"]
 
@@ -48,8 +48,8 @@ def test_a_stop_is_passed_on_with_who_asked(stops: Stops) -> None:
     "message", [{"do": "reset"}, {"do": "start"}, {"do": "move", "target_m": 0.01}, {"do": "beat"}, {"do": "arm"}, {}]
 )
 def test_everything_else_is_thrown_away(stops: Stops, message: dict[str, Any]) -> None:
-    assert tell(stops.path, message)
-    assert tell(stops.path, {"do": "stop", "by": "then"})
+    assert send_message(stops.path, message)
+    assert send_message(stops.path, {"do": "stop", "by": "then"})
     assert stops.heard.wait(WAIT_S)
     assert stops.by == ["then"]
 
@@ -59,17 +59,17 @@ def test_garbage_and_a_defect_behind_it_do_not_close_the_door(stops: Stops) -> N
         for data in (b"", b"\xff" * 100, b"[" * 5000, b"null"):
             with address(stops.path) as short:
                 stranger.sendto(data, short)
-    tell(stops.path, {"do": "stop", "by": "defect"})
+    send_message(stops.path, {"do": "stop", "by": "defect"})
     assert stops.heard.wait(WAIT_S)
     stops.heard.clear()
-    assert tell(stops.path, {"do": "stop", "by": "again"})
+    assert send_message(stops.path, {"do": "stop", "by": "again"})
     assert stops.heard.wait(WAIT_S)
     assert stops.by == ["defect", "again"]
 
 
 def test_a_flood_is_read_slowly_and_no_sender_waits(stops: Stops) -> None:
     began = time.monotonic()
-    taken = sum(tell(stops.path, {"do": "stop", "by": "x"}) for _ in range(200))
+    taken = sum(send_message(stops.path, {"do": "stop", "by": "x"}) for _ in range(200))
     while len(stops.by) < taken and time.monotonic() - began < WAIT_S:
         time.sleep(0.01)
     assert len(stops.by) == taken
@@ -79,4 +79,4 @@ def test_a_flood_is_read_slowly_and_no_sender_waits(stops: Stops) -> None:
 def test_the_door_is_its_owners_alone_and_goes_at_the_end(stops: Stops) -> None:
     assert stops.path.stat().st_mode & 0o777 == 0o600
     stops.door.close()
-    assert not tell(stops.path, {"do": "stop"})
+    assert not send_message(stops.path, {"do": "stop"})

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
-from station_bench import Told, config_for
+from station_bench import Journal, config_for
 
 from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
@@ -28,8 +28,8 @@ LATER = Finding("force-limit", "load cell 6000 N, allowed -5000 to 5000 N", 0)
 
 
 @pytest.fixture
-def told() -> Told:
-    return Told()
+def journal() -> Journal:
+    return Journal()
 
 
 @pytest.fixture
@@ -38,31 +38,31 @@ def ring() -> list[Record]:
 
 
 @pytest.fixture
-def supervisor(told: Told, ring: list[Record]) -> Supervisor:
-    return Supervisor(config_for(), told.append, ring.extend, lambda now_ns: None, lambda: 0.0)
+def supervisor(journal: Journal, ring: list[Record]) -> Supervisor:
+    return Supervisor(config_for(), journal.append, ring.extend, lambda now_ns: None, lambda: 0.0)
 
 
-def test_what_is_found_again_and_again_is_told_once_a_second_before_arming_and_once_as_a_trip(
-    supervisor: Supervisor, told: Told, ring: list[Record]
+def test_what_is_found_again_and_again_is_reported_once_a_second_before_arming_and_once_as_a_trip(
+    supervisor: Supervisor, journal: Journal, ring: list[Record]
 ) -> None:
     repeated = [Finding("sensor-fault", "load_cell: the sensor reports a fault", 0)] * 1000
     supervisor.report(repeated)
-    assert [event["event"] for event in told] == ["warning"]
+    assert [event["event"] for event in journal] == ["warning"]
     supervisor.arm()
     supervisor.report(repeated)
     supervisor.report([Finding("sensor-saturated", "load_cell: the value is at the limit of the range", 0)] * 1000)
-    assert [event["event"] for event in told] == ["warning", "trip", "also"]
+    assert [event["event"] for event in journal] == ["warning", "trip", "also"]
     trips = [record for record in ring if record[4] == Channel.TRIP]
     assert [record[2] for record in trips] == [REACTIONS["sensor-fault"].code, REACTIONS["sensor-saturated"].code]
 
 
-def test_what_is_still_there_after_a_reset_trips_again(supervisor: Supervisor, told: Told) -> None:
+def test_what_is_still_there_after_a_reset_trips_again(supervisor: Supervisor, journal: Journal) -> None:
     supervisor.arm()
     finding = Finding("position-disagreement", "controller at 0.1 m, LVDT at 0 m", 0)
     supervisor.report([finding])
     assert supervisor.reset(supervisor.stop)
     supervisor.report([finding])
-    assert told.slugs("trip") == ["position-disagreement"] * 2
+    assert journal.slugs("trip") == ["position-disagreement"] * 2
 
 
 class Coil:
@@ -129,7 +129,7 @@ def full_standard_error() -> Iterator[None]:
 
 @pytest.mark.usefixtures("full_standard_error")
 @pytest.mark.parametrize("failing", ["coil", "link", "ring", "all"])
-def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to_be_zero(failing: str) -> None:
+def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_requested_to_be_zero(failing: str) -> None:
     zeroed: list[None] = []
 
     def zero() -> None:
@@ -137,9 +137,9 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
         if failing in {"coil", "all"}:
             broken()
 
-    rod, told, ring = Rod(), Told(), list[Record]()
+    rod, journal, ring = Rod(), Journal(), list[Record]()
     made = Supervisor(
-        config_for(), broken if failing in {"link", "all"} else told.append,
+        config_for(), broken if failing in {"link", "all"} else journal.append,
         broken if failing in {"ring", "all"} else ring.extend, lambda now_ns: None, lambda: 0.0,
     )  # fmt: skip
     made.attach(Coil(zero), rod, rod, ())
@@ -148,11 +148,13 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
     assert rod.actions == [StopAction.FADE]
     assert zeroed == [None]
     assert made.trip is not None
-    assert failing in {"link", "all"} or told.slugs("trip") == ["sensor-fault"]
+    assert failing in {"link", "all"} or journal.slugs("trip") == ["sensor-fault"]
 
 
 @pytest.mark.usefixtures("full_standard_error")
-def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervisor: Supervisor, told: Told) -> None:
+def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(
+    supervisor: Supervisor, journal: Journal
+) -> None:
     rod = Rod()
     nowhere = CanCurrentSource(CanPort(CanAddress("slcan", "socket://127.0.0.1:1")), current_source("demo"))
     coil = CurrentSourceThread(
@@ -162,7 +164,7 @@ def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervis
     supervisor.arm()
     supervisor.report([FAULT])
     assert rod.actions == [StopAction.FADE]
-    assert told.slugs("trip") == ["sensor-fault"]
+    assert journal.slugs("trip") == ["sensor-fault"]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +185,7 @@ def test_no_good_status_is_named_by_what_comes_in_its_place(
     )
     source.counters = counted
     later_ns = monotonic_ns() + int(1.05e9 * supervisor.config.ecu.stale_after_s)
-    findings = coil._judge(SourceBatch([], [], [], 0, 0, later_ns))
+    findings = coil._check_batch(SourceBatch([], [], [], 0, 0, later_ns))
     assert [finding.slug for finding in findings if not finding.warns] == [slug]
 
 
@@ -194,41 +196,41 @@ def test_a_repeat_that_came_with_the_last_fresh_status_tells_that_the_ecu_is_lat
     )
     fresh_ns = monotonic_ns()
     source.counters = SourceCounters(duplicates=4, lateness=2)
-    coil._judge(SourceBatch([], [SourceStatus(SourceState.ENABLED, 0.0, 0)], [], 0, 0, fresh_ns))
+    coil._check_batch(SourceBatch([], [SourceStatus(SourceState.ENABLED, 0.0, 0)], [], 0, 0, fresh_ns))
     later_ns = fresh_ns + int(1.05e9 * supervisor.config.ecu.stale_after_s)
-    findings = coil._judge(SourceBatch([], [], [], 0, 0, later_ns))
+    findings = coil._check_batch(SourceBatch([], [], [], 0, 0, later_ns))
     assert [finding.slug for finding in findings if not finding.warns] == ["ecu-late"]
 
 
-def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_order_of_what_is_told(
-    supervisor: Supervisor, told: Told
+def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_order_of_what_is_reported(
+    supervisor: Supervisor, journal: Journal
 ) -> None:
-    rod, asked, go_on = Rod(), threading.Event(), threading.Event()
+    rod, requested, go_on = Rod(), threading.Event(), threading.Event()
 
     def slow() -> None:
-        asked.set()
+        requested.set()
         assert go_on.wait(10.0)
 
     supervisor.attach(Coil(slow), rod, rod, ())
     supervisor.arm()
     first = threading.Thread(target=supervisor.report, args=([FAULT],))
     first.start()
-    assert asked.wait(10.0)
+    assert requested.wait(10.0)
     assert rod.actions == [StopAction.FADE], "queued before the coil's wire is waited for"
     supervisor.report([LATER])
     go_on.set()
     first.join(10.0)
-    assert [(event["event"], event["slug"]) for event in told] == [("trip", FAULT.slug), ("also", LATER.slug)]
+    assert [(event["event"], event["slug"]) for event in journal] == [("trip", FAULT.slug), ("also", LATER.slug)]
     assert supervisor.trip is not None
     assert supervisor.trip.slug == FAULT.slug
     assert rod.actions == [StopAction.FADE, StopAction.HALT]
 
 
 def test_a_fade_out_that_comes_to_be_sent_after_a_halt_does_not_take_it_back() -> None:
-    rod, told = Rod(), Told()
+    rod, journal = Rod(), Journal()
 
     def emit(event: dict[str, object]) -> None:
-        told.append(event)
+        journal.append(event)
         if event["event"] == "trip":
             made.report([LATER])  # another thread's, before this one has sent its fade-out
 
@@ -236,7 +238,7 @@ def test_a_fade_out_that_comes_to_be_sent_after_a_halt_does_not_take_it_back() -
     made.attach(Coil(lambda: None), rod, rod, ())
     made.arm()
     made.report([FAULT])
-    assert told.slugs("trip") == [FAULT.slug]
+    assert journal.slugs("trip") == [FAULT.slug]
     assert rod.actions
     assert rod.actions[-1] is StopAction.HALT
 
@@ -253,13 +255,13 @@ def test_each_stop_command_begins_the_proof_of_standstill_anew(supervisor: Super
     assert rod.restarts == 4
 
 
-def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told: Told) -> None:
+def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(journal: Journal) -> None:
     def beat(now_ns: int) -> None:
         if failing.is_set():
             raise RuntimeError("a defect")
 
     failing, rod = threading.Event(), Rod()
-    made = Supervisor(config_for(), told.append, lambda records: None, beat, lambda: 0.0)
+    made = Supervisor(config_for(), journal.append, lambda records: None, beat, lambda: 0.0)
     made.attach(Coil(lambda: None), rod, rod, ())
     made.start()
     made.arm()
@@ -268,13 +270,13 @@ def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told:
         assert made.changed.wait_for(lambda: made.trip is not None, 10.0)
         assert made.changed.wait_for(lambda: made.settled, 30.0), "its steps are still taken"
     made.end()
-    assert told.slugs("trip") == ["task-dies"]
+    assert journal.slugs("trip") == ["task-dies"]
     assert rod.actions[0] is StopAction.FADE
 
 
-def test_a_station_that_hardly_runs_still_gives_a_stop_up_that_it_cannot_prove(told: Told) -> None:
+def test_a_station_that_hardly_runs_still_gives_a_stop_up_that_it_cannot_prove(journal: Journal) -> None:
     rod = Rod()
-    made = Supervisor(config_for(), told.append, lambda records: None, lambda now_ns: None, lambda: 0.0)
+    made = Supervisor(config_for(), journal.append, lambda records: None, lambda now_ns: None, lambda: 0.0)
     made.attach(Coil(lambda: None), rod, rod, ())
     begun_ns = monotonic_ns()
     made.host.watch(begun_ns)

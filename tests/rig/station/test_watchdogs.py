@@ -60,7 +60,7 @@ def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
     assert (finding.slug, finding.t_ns, finding.value) == ("slow-consumer", 7, 0.51)
 
 
-def test_a_machine_that_slept_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_that_slept_is_reported_once(monkeypatch: pytest.MonkeyPatch) -> None:
     slept = {"ns": 0}
     monkeypatch.setattr(clock, "suspended_ns", lambda: slept["ns"])
     watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()), lambda: 0.0)

@@ -130,12 +130,12 @@ def test_a_wrong_benchmark_file_is_refused_with_every_wrong_entry(benchmark_file
 
 
 def test_the_example_names_sources_licences_and_checksums_of_all_open_recordings() -> None:
-    wanted = load_benchmark(Path(__file__).parents[3] / "examples/open-recordings.toml")
-    utfsm, ranran = wanted.recordings
+    benchmark = load_benchmark(Path(__file__).parents[3] / "examples/open-recordings.toml")
+    utfsm, ranran = benchmark.recordings
     assert (len(utfsm.files), len(ranran.files)) == (20, 1)
-    assert all(one.source.startswith("https://") and one.licence for one in wanted.recordings)
+    assert all(one.source.startswith("https://") and one.licence for one in benchmark.recordings)
     assert (utfsm.split, ranran.split) == ("leave-one-pair-out", "last 30 %")
-    assert json.loads(json.dumps(wanted.benchmark.models)) == "all"
+    assert json.loads(json.dumps(benchmark.benchmark.models)) == "all"
 
 
 WALK = """

@@ -30,7 +30,7 @@ def line(value: float, **more: object) -> dict[str, Any]:
     return {"value": value, "parameters": {}, "history": [[1, value]], **more}
 
 
-def said(study: StudyFile, results: Results, minima: dict[str, float] | None = None) -> dict[str, Claim]:
+def claims_of(study: StudyFile, results: Results, minima: dict[str, float] | None = None) -> dict[str, Claim]:
     """Findings about paper 1 by slug."""
     of_paper_1 = study.model_copy(update={"current": None})
     return {claim.slug: claim for claim in findings(of_paper_1, results, minima or {}, {})}
@@ -39,7 +39,7 @@ def said(study: StudyFile, results: Results, minima: dict[str, float] | None = N
 @pytest.mark.parametrize(
     ("seconds", "verdict", "gains"), [((1.0, 0.5), "holds", True), ((0.1, 0.2), "does not hold", False)]
 )
-def test_parallel_computing_is_said_to_gain_nothing_only_where_it_gains_nothing(
+def test_parallel_computing_is_reported_to_gain_nothing_only_where_it_gains_nothing(
     small_study: Path, seconds: tuple[float, float], verdict: str, gains: bool
 ) -> None:
     timing = Parallel(models=("asymmetric", "bouc_wen"), processes=(1, 2), evaluations=1000)
@@ -48,7 +48,7 @@ def test_parallel_computing_is_said_to_gain_nothing_only_where_it_gains_nothing(
         parallel_key(timing, model, count): {"seconds": factor * seconds[count - 1]}
         for model, factor in (("asymmetric", 1.0), ("bouc_wen", 10.0)) for count in (1, 2)
     }  # fmt: skip
-    claim = said(study, results)["parallel"]
+    claim = claims_of(study, results)["parallel"]
     assert claim.verdict == verdict
     assert f"asymmetric {seconds[0]:g} s on 1, {seconds[1]:g} s on 2" in claim.text
     assert f"takes {1e3 * seconds[0]:,.0f} microseconds" in claim.text
@@ -56,7 +56,7 @@ def test_parallel_computing_is_said_to_gain_nothing_only_where_it_gains_nothing(
     assert ("For bouc_wen, evaluating candidates takes longer than sending them" not in claim.text) == gains
 
 
-def test_a_resolution_that_does_not_differ_by_rank_is_not_told_to_be_worse(small_study: Path) -> None:
+def test_a_resolution_that_does_not_differ_by_rank_is_not_reported_to_be_worse(small_study: Path) -> None:
     text = small_study.read_text().replace("resolutions = [100, 10]", "resolutions = [100, 10, 1000]")
     small_study.write_text(text.replace("repeats = 2", "repeats = 9"))
     study = load_study(small_study)
@@ -65,17 +65,17 @@ def test_a_resolution_that_does_not_differ_by_rank_is_not_told_to_be_worse(small
         worse = {cell.key: of_coarse * (cell.settings.get("resolution") == 10) for cell in all_cells(study)}
         return {key: line(100.0 + more + number % 7) for number, (key, more) in enumerate(worse.items())}
 
-    assert said(study, results(0.0))["sensitivity-Nres"].verdict == "cannot be told"
-    assert said(study, results(50.0))["sensitivity-Nres"].verdict == "holds"
+    assert claims_of(study, results(0.0))["sensitivity-Nres"].verdict == "cannot be told"
+    assert claims_of(study, results(50.0))["sensitivity-Nres"].verdict == "holds"
 
 
-def test_foa_that_finds_the_minimum_is_not_told_to_fail(small_study: Path) -> None:
+def test_foa_that_finds_the_minimum_is_not_reported_to_fail(small_study: Path) -> None:
     small_study.write_text(small_study.read_text().replace('"de", "pso", "c_foa"', '"foa", "c_foa printed"'))
     study = load_study(small_study)
     low = {cell.key: line(1.2) for cell in all_cells(study)}
     high = {cell.key: line(500.0) for cell in all_cells(study)}
     for results, of_foa, of_printed in ((low, "does not hold", "holds"), (high, "holds", "does not hold")):
-        claims = said(study, results, {"asymmetric": 1.0})
+        claims = claims_of(study, results, {"asymmetric": 1.0})
         assert (claims["foa-fails"].verdict, claims["printed-c-foa"].verdict) == (of_foa, of_printed)
         assert ("never negative" in claims["foa-fails"].text) == (of_foa == "holds")
         assert ("-270 N" in claims["printed-c-foa"].text) == (of_printed == "does not hold")
@@ -108,7 +108,7 @@ def test_the_best_line_of_a_method_is_the_lowest_over_all_its_settings(small_stu
     assert best_lines(study, results)["pso"]["value"] == 101.0 - len(cells)
 
 
-def test_generations_of_searches_that_the_budget_ended_tell_no_convergence(small_study: Path) -> None:
+def test_generations_of_searches_that_the_budget_ended_show_no_convergence(small_study: Path) -> None:
     both = small_study.read_text().replace('["ga_novel", ', '["ga_standard", "ga_novel", ')
     small_study.write_text(both.replace("repeats = 1", "repeats = 3"))
     study = load_study(small_study)
@@ -143,6 +143,6 @@ def test_printed_objectives_are_those_above_each_tables_own_fits() -> None:
 
 
 def test_the_citation_is_that_of_the_citation_file() -> None:
-    told = (ROOT / "CITATION.cff").read_text()
-    title = next(row for row in told.splitlines() if row.startswith("title:")).partition('"')[2].strip('"')
+    reported = (ROOT / "CITATION.cff").read_text()
+    title = next(row for row in reported.splitlines() if row.startswith("title:")).partition('"')[2].strip('"')
     assert title in CITE_SOFTWARE

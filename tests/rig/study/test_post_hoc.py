@@ -13,7 +13,7 @@ from rig.study.post_hoc import dunn
 from rig.study.printed_values import BEST, SETTINGS
 
 
-def test_pairs_are_judged_by_their_mean_ranks_over_all_values() -> None:
+def test_pairs_are_evaluated_by_their_mean_ranks_over_all_values() -> None:
     pairs = dunn({"a": [1.0, 2.0, 3.0], "b": [4.0, 5.0, 6.0], "c": [7.0, 8.0, 9.0]})
     # mean ranks 2, 5, 8; sqrt(9 * 10 / 12 * (1/3 + 1/3)) = sqrt(5); 6 / sqrt(5) = 2.683, 3 / sqrt(5) = 1.342
     assert [(pair.first, pair.second) for pair in pairs] == [("a", "c"), ("a", "b"), ("b", "c")]
@@ -28,8 +28,8 @@ def test_ties_make_ranks_less_certain_and_probabilities_end_at_one() -> None:
     (pair,) = dunn({"a": [1.0, 2.0], "b": [2.0, 3.0]})
     # ranks 1, 2.5 | 2.5, 4: means 1.75, 3.25; variance 4 * 5 / 12 - 6 / (12 * 3) = 1.5
     assert pair.z == pytest.approx(1.5 / math.sqrt(1.5))
-    alike = dunn({"a": [1.0, 4.0], "b": [2.0, 3.0], "c": [1.5, 3.5]})
-    assert all(pair.p_holm == 1.0 for pair in alike)
+    identical = dunn({"a": [1.0, 4.0], "b": [2.0, 3.0], "c": [1.5, 3.5]})
+    assert all(pair.p_holm == 1.0 for pair in identical)
 
 
 def test_groups_without_a_difference_to_rank_are_refused() -> None:
@@ -39,7 +39,7 @@ def test_groups_without_a_difference_to_rank_are_refused() -> None:
         dunn({"a": [1.0]})
 
 
-def test_a_mirror_solution_gives_the_same_force_and_is_told_with_a_positive_beta() -> None:
+def test_a_mirror_solution_gives_the_same_force_and_is_reported_with_a_positive_beta() -> None:
     damper = model("asymmetric")
     values = dict(damper.demonstration)
     mirror = {n: -x if n in {"beta", "delta", "Fya", "Fyb"} else x for n, x in values.items()}

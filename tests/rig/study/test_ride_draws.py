@@ -49,8 +49,8 @@ def test_the_draws_of_an_inadequate_fit_are_those_of_its_tests(run: Path) -> Non
     assert again.damper == fitted.damper
     assert "fits to the 6 tests" in again.remark
     spread = np.std([draw.values["c0"] for draw in again.draws])
-    told = np.std([draw.values["c0"] for draw in fitted_damper(str(run), 200).draws])
-    assert spread > 0.5 * told
+    reported = np.std([draw.values["c0"] for draw in fitted_damper(str(run), 200).draws])
+    assert spread > 0.5 * reported
     drawn = [draw.values["c0"] for draw in again.draws]
     assert np.mean(drawn) == pytest.approx(fitted.damper.values["c0"], abs=3.0 * spread)
     assert drawn_again(fitted, 8, seed=1).draws == again.draws

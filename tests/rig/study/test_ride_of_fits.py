@@ -20,9 +20,9 @@ def test_the_printed_fits_differ_as_the_page_on_rides_says(small_study: Path) ->
     assert driven is not None
     assert driven.ours is None
     table = ride_table(driven)
-    told = {(row[0], row[1]): (row[2], row[-1]) for row in table.rows}
-    assert told["pitch", "4-8 Hz"] == (pytest.approx(4.1, abs=0.05), 5.0)  # docs/how-to/ride-comfort.md, 0 A
-    assert told["heave", "0-18 Hz"] == (pytest.approx(9.3, abs=0.05), 12.0)
+    reported = {(row[0], row[1]): (row[2], row[-1]) for row in table.rows}
+    assert reported["pitch", "4-8 Hz"] == (pytest.approx(4.1, abs=0.05), 5.0)  # docs/how-to/ride-comfort.md, 0 A
+    assert reported["heave", "0-18 Hz"] == (pytest.approx(9.3, abs=0.05), 12.0)
     assert "fewer than two of c-FOA, GA and PSO" in table.note
     claim = next(one for one in findings(study, {}, {}, {}, driven) if one.slug == "ride-of-fits")
     assert claim.verdict == "holds"

@@ -114,9 +114,9 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
         assert float(row["MV"]) == pytest.approx(np.mean(found))
         assert float(row["SD"]) == pytest.approx(np.std(found, ddof=1))
 
-    said = {finding["slug"]: finding for finding in outcome.facts["findings"]}
-    assert {"best-methods", "search-error", "asymmetric-model", "sensitivity-N"} <= said.keys()
-    assert all(one["verdict"] in {"holds", "does not hold", "cannot be told"} for one in said.values())
+    message = {finding["slug"]: finding for finding in outcome.facts["findings"]}
+    assert {"best-methods", "search-error", "asymmetric-model", "sensitivity-N"} <= message.keys()
+    assert all(one["verdict"] in {"holds", "does not hold", "cannot be told"} for one in message.values())
     best = next(table for table in outcome.tables if table.name == "table-02")
     (of_pso,) = (row for row in best.rows if "Swarm" in str(row[0]))
     assert of_pso[-3:] == (3.39e7, 5.44e7, 1.40e7)  # as Table 2 prints them

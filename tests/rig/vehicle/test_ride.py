@@ -83,7 +83,7 @@ def test_the_paper_s_fits_differ_by_decibels_where_the_road_excites_the_motion(p
     assert all("no interval" in fit["remark"] for fit in paper["fits"])
 
 
-def test_the_largest_pair_is_the_one_told(paper: dict[str, Any]) -> None:
+def test_the_largest_pair_is_the_one_reported(paper: dict[str, Any]) -> None:
     entry = paper["bands"]["pitch"]["4-8 Hz"]["chosen"]
     largest = max(entry["pairs"], key=lambda pair: pair["difference_dB"])
     assert (entry["between"], entry["difference_dB"]) == (largest["between"], largest["difference_dB"])

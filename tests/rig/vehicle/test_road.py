@@ -47,10 +47,10 @@ def test_a_shipped_road_of_a_class_has_that_class_s_height() -> None:
 def test_left_and_right_are_as_coherent_as_on_an_isotropic_surface() -> None:
     rate, left, right = track(64e-6)
     n, measured = coherence(left, right, rate, nperseg=4096)
-    for wanted in (0.05, 0.1, 0.2, 0.4):
-        x = 2.0 * np.pi * wanted * 1.6
-        near = np.abs(n - wanted) < 0.02
-        assert np.mean(np.sqrt(measured[near])) == pytest.approx(x * k1(x), abs=0.07), wanted
+    for required in (0.05, 0.1, 0.2, 0.4):
+        x = 2.0 * np.pi * required * 1.6
+        near = np.abs(n - required) < 0.02
+        assert np.mean(np.sqrt(measured[near])) == pytest.approx(x * k1(x), abs=0.07), required
     for name, expected in (("equal", 1.0), ("independent", 0.0)):
         rate, left, right = track(64e-6, name)
         near = slice(20, 200)

@@ -12,7 +12,7 @@ import pytest
 from matrices import matrix_text
 
 MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=5)
-HAPPENINGS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-silent@0.4",))
+EVENTS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-silent@0.4",))
 PROGRAM = """
 import json, sys
 from pathlib import Path
@@ -27,9 +27,9 @@ for number, happenings in enumerate(worlds):
 """
 
 
-def test_seeds_are_the_same_worlds_wherever_they_live(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+def test_seeds_are_the_same_scenarios_wherever_they_live(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     """By day the one that is killed and resumed."""
-    happenings = HAPPENINGS[1:2] if pytestconfig.getoption("--short") else HAPPENINGS
+    events = EVENTS[1:2] if pytestconfig.getoption("--short") else EVENTS
     processes = []
     for number in ("1", "22"):
         folder = tmp_path / ("another-folder-" * int(number))[:200]
@@ -39,16 +39,16 @@ def test_seeds_are_the_same_worlds_wherever_they_live(tmp_path: Path, pytestconf
             env=os.environ | {"PYTHONHASHSEED": number, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
         assert process.stdin is not None
-        process.stdin.write(json.dumps([MATRIX, *happenings]))
+        process.stdin.write(json.dumps([MATRIX, *events]))
         process.stdin.close()
         process.stdin = None
         processes.append(process)
-    told = [process.communicate(timeout=170)[0].splitlines() for process in processes]
-    one, other = (list(map(json.loads, lines)) for lines in told)
-    assert len(one) == len(happenings)
+    reported = [process.communicate(timeout=170)[0].splitlines() for process in processes]
+    one, other = (list(map(json.loads, lines)) for lines in reported)
+    assert len(one) == len(events)
     assert one == other
     assert all(failed == [] for _, _, failed in one)
     journals = {digests["journal"] for digests, _, _ in one}
-    assert len(journals) == len(happenings), "worlds of their own"
+    assert len(journals) == len(events), "worlds of their own"
     resumed = [len(sessions) > 1 for _, sessions, _ in one]
-    assert resumed == [happening != HAPPENINGS[0] for happening in happenings]
+    assert resumed == [event != EVENTS[0] for event in events]

@@ -35,8 +35,8 @@ def test_time_jumps_to_the_end_of_a_wait() -> None:
     assert 3600.0 <= ended[0] < 3600.001
 
 
-def test_a_task_that_is_woken_before_its_time_out_is_told_so_even_when_it_runs_after_it() -> None:
-    def told(seed: int) -> bool:
+def test_a_task_that_is_woken_before_its_time_out_is_reported_so_even_when_it_runs_after_it() -> None:
+    def reported(seed: int) -> bool:
         kernel, owner, begun, outcomes = Kernel(seed), Owner(), [], []
         end_ns = kernel.now_ns + 1_000_000
         task = kernel.spawn("waiter", owner, lambda: (begun.append(True), outcomes.append(kernel.block(end_ns))))
@@ -46,7 +46,7 @@ def test_a_task_that_is_woken_before_its_time_out_is_told_so_even_when_it_runs_a
         kernel.run(lambda: task.finished)
         return outcomes[0]
 
-    assert all(told(seed) for seed in range(50))
+    assert all(reported(seed) for seed in range(50))
 
 
 def test_the_order_of_what_is_due_together_comes_from_the_seed() -> None:
@@ -61,14 +61,14 @@ def test_the_order_of_what_is_due_together_comes_from_the_seed() -> None:
     assert len({order(seed) for seed in range(10)}) > 5
 
 
-def test_a_world_where_everybody_waits_for_ever_says_who() -> None:
+def test_a_scenario_where_everybody_waits_for_ever_says_who() -> None:
     kernel = Kernel(1)
     kernel.spawn("waits", Owner("station"), kernel.block)
     with pytest.raises(NothingHappens, match="station:waits"):
         kernel.run(lambda: False)
 
 
-def test_an_error_of_a_thread_is_told_and_ends_no_other() -> None:
+def test_an_error_of_a_thread_is_reported_and_ends_no_other() -> None:
     kernel, owner, ended = Kernel(1), Owner(), []
 
     def fail() -> None:
@@ -80,7 +80,7 @@ def test_an_error_of_a_thread_is_told_and_ends_no_other() -> None:
     assert ["of this thread" in error for error in owner.errors] == [True]
 
 
-def test_waiting_outside_of_a_world_is_refused() -> None:
+def test_waiting_outside_of_a_scenario_is_refused() -> None:
     with pytest.raises(RuntimeError, match="only a task"):
         Kernel(1).block()
 

@@ -24,7 +24,7 @@ import drivers.ring
 import rig.recording.atomic_write
 import rig.station.process
 from simulators.scenarios.machine import Machine, Process
-from simulators.scenarios.os_stubs import Installed, NoCounterpart, stands
+from simulators.scenarios.os_stubs import Installed, NoCounterpart, stubs
 
 Make = Callable[[int], tuple[Machine, Path]]
 SEEDS = range(10)
@@ -38,7 +38,7 @@ def machine(make: Make) -> Machine:
 
 def tools(machine: Machine) -> SimpleNamespace:
     """What stands for the modules."""
-    found = stands(machine)
+    found = stubs(machine)
     real = {"os": os, "signal": signal, "subprocess": subprocess, "threading": threading, "time": time, "fcntl": fcntl}
     return SimpleNamespace(**{name: found[id(module)] for name, module in real.items()}, sys=found[id(sys)])
 
@@ -79,15 +79,15 @@ def test_exit_codes_are_those_of_an_interpreter(machine: Machine, real: str) -> 
 def test_a_process_waits_for_its_threads_and_pools_unless_they_are_daemons(machine: Machine) -> None:
     from simulators.scenarios.futures import ThreadPoolExecutor
 
-    world, log = tools(machine), []
+    scenario, log = tools(machine), []
 
     def work(name: str, length_s: float) -> None:
-        world.time.sleep(length_s)
+        scenario.time.sleep(length_s)
         log.append(name)
 
     def program() -> None:
-        world.threading.Thread(target=work, args=("thread", 1.0)).start()
-        world.threading.Thread(target=work, args=("daemon", 2.0), daemon=True).start()
+        scenario.threading.Thread(target=work, args=("thread", 1.0)).start()
+        scenario.threading.Thread(target=work, args=("daemon", 2.0), daemon=True).start()
         pool = ThreadPoolExecutor(machine.kernel, 1)
         pool.submit(work, "pool", 0.5)
         pool.submit(work, "pool", 0.2)
@@ -118,17 +118,17 @@ def test_a_signal_without_a_handler_ends_a_process(machine: Machine, number: int
 
 
 def test_a_handler_runs_in_the_main_thread_and_what_waits_goes_on(machine: Machine) -> None:
-    world, log = tools(machine), []
+    scenario, log = tools(machine), []
 
     def handle(number: int, _: object) -> None:
-        log.append((number, world.threading.current_thread() is world.threading.main_thread()))
+        log.append((number, scenario.threading.current_thread() is scenario.threading.main_thread()))
 
     def program() -> None:
-        world.signal.signal(signal.SIGTERM, handle)
-        world.signal.signal(signal.SIGINT, signal.SIG_IGN)
-        began_s = world.time.monotonic()
-        world.time.sleep(2.0)
-        log.append(world.time.monotonic() - began_s >= 2.0)
+        scenario.signal.signal(signal.SIGTERM, handle)
+        scenario.signal.signal(signal.SIGINT, signal.SIG_IGN)
+        began_s = scenario.time.monotonic()
+        scenario.time.sleep(2.0)
+        log.append(scenario.time.monotonic() - began_s >= 2.0)
 
     process = machine.start("program", program)
     for number, after_ns in ((signal.SIGTERM, 10**9), (signal.SIGINT, 1_500_000_000)):
@@ -138,11 +138,11 @@ def test_a_handler_runs_in_the_main_thread_and_what_waits_goes_on(machine: Machi
 
 
 def test_a_process_killed_by_itself_does_nothing_more(machine: Machine) -> None:
-    world, log = tools(machine), []
+    scenario, log = tools(machine), []
 
     def program() -> None:
         try:
-            world.os.kill(world.os.getpid(), signal.SIGKILL)
+            scenario.os.kill(scenario.os.getpid(), signal.SIGKILL)
         finally:
             log.append("went on")
 
@@ -151,27 +151,27 @@ def test_a_process_killed_by_itself_does_nothing_more(machine: Machine) -> None:
     machine.kernel.run(lambda: machine.kernel.time_s > 0.9)
     assert log == []
     with pytest.raises(ProcessLookupError):
-        world.os.kill(1001, 0)
+        scenario.os.kill(1001, 0)
 
 
 def test_a_lock_of_a_killed_process_is_free_unless_a_child_holds_it(make: Make) -> None:
     for seed in SEEDS:
         machine, folder = make(seed)
-        world, path = tools(machine), folder / "lock"
+        scenario, path = tools(machine), folder / "lock"
         machine.programs["child"] = lambda _, machine=machine: machine.kernel.sleep_ns(3 * 10**9)
 
         def owner() -> None:
-            handle = world.os.open(path, os.O_RDWR | os.O_CREAT)  # noqa: B023 - runs within this turn
-            world.fcntl.flock(handle, fcntl.LOCK_EX)  # noqa: B023
-            world.subprocess.Popen(["python", "-m", "child"], start_new_session=True, pass_fds=(handle,))  # noqa: B023
+            handle = scenario.os.open(path, os.O_RDWR | os.O_CREAT)  # noqa: B023 - runs within this turn
+            scenario.fcntl.flock(handle, fcntl.LOCK_EX)  # noqa: B023
+            scenario.subprocess.Popen(["python", "-m", "child"], start_new_session=True, pass_fds=(handle,))  # noqa: B023
             machine.kernel.block()  # noqa: B023
 
         def other() -> int:
             machine.kernel.sleep_ns(2 * 10**9)  # noqa: B023
-            handle = world.os.open(path, os.O_RDWR)  # noqa: B023
+            handle = scenario.os.open(path, os.O_RDWR)  # noqa: B023
             with pytest.raises(BlockingIOError):
-                world.fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # noqa: B023
-            world.fcntl.flock(handle, fcntl.LOCK_EX)  # noqa: B023
+                scenario.fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # noqa: B023
+            scenario.fcntl.flock(handle, fcntl.LOCK_EX)  # noqa: B023
             return int(machine.kernel.time_s)  # noqa: B023
 
         first = machine.start("owner", owner)
@@ -199,11 +199,11 @@ def child(machine: Machine) -> Callable[[list[str]], int]:
 def test_a_program_answers_through_its_pipes_and_its_code_is_waited_for(make: Make) -> None:
     for seed in SEEDS:
         machine, folder = make(seed)
-        world, got = tools(machine), []
+        scenario, got = tools(machine), []
         machine.programs["child"] = child(machine)
 
         def program() -> None:
-            started = world.subprocess.Popen(  # noqa: B023 - runs within this turn
+            started = scenario.subprocess.Popen(  # noqa: B023 - runs within this turn
                 ["python", "-m", "child", "7"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
             )
             with pytest.raises(subprocess.TimeoutExpired):
@@ -220,11 +220,11 @@ def test_a_program_answers_through_its_pipes_and_its_code_is_waited_for(make: Ma
 
 
 def test_a_child_sees_the_end_of_its_input_when_its_parent_is_killed(machine: Machine) -> None:
-    world, started = tools(machine), []
+    scenario, started = tools(machine), []
     machine.programs["child"] = child(machine)
 
     def program() -> None:
-        started.append(world.subprocess.Popen(["python", "-m", "child", "4"], stdin=subprocess.PIPE))
+        started.append(scenario.subprocess.Popen(["python", "-m", "child", "4"], stdin=subprocess.PIPE))
         machine.kernel.block()
 
     process = machine.start("program", program)
@@ -234,13 +234,13 @@ def test_a_child_sees_the_end_of_its_input_when_its_parent_is_killed(machine: Ma
     assert started[0].poll() == 4
 
 
-def test_clocks_begin_with_the_world(machine: Machine) -> None:
-    world = tools(machine)
-    assert world.time.time() == pytest.approx(datetime.datetime(2026, 1, 1, 8, tzinfo=datetime.UTC).timestamp())
-    assert world.time.gmtime().tm_year == 2026
-    assert world.time.strftime("%Y") == "2026"
+def test_clocks_begin_with_the_scenario(machine: Machine) -> None:
+    scenario = tools(machine)
+    assert scenario.time.time() == pytest.approx(datetime.datetime(2026, 1, 1, 8, tzinfo=datetime.UTC).timestamp())
+    assert scenario.time.gmtime().tm_year == 2026
+    assert scenario.time.strftime("%Y") == "2026"
     machine.wall_step_s = 3600.0
-    assert world.time.gmtime().tm_hour == 9
+    assert scenario.time.gmtime().tm_hour == 9
 
 
 def test_what_has_no_counterpart_says_so(machine: Machine) -> None:
@@ -253,7 +253,7 @@ def test_what_has_no_counterpart_says_so(machine: Machine) -> None:
 def test_chance_comes_from_the_seed(make: Make) -> None:
     import secrets
 
-    drawn = [[stands(make(seed)[0])[id(secrets)].token_hex(3) for _ in range(2)] for seed in (1, 1, 2)]  # type: ignore[attr-defined]
+    drawn = [[stubs(make(seed)[0])[id(secrets)].token_hex(3) for _ in range(2)] for seed in (1, 1, 2)]  # type: ignore[attr-defined]
     assert drawn[0] == drawn[1] != drawn[2]
 
 
@@ -278,7 +278,7 @@ def test_the_project_has_its_real_modules_again(machine: Machine) -> None:
     assert all(getattr(module, key) is value for module, key, value in before)
 
 
-def test_outside_of_its_processes_an_installed_world_leaves_files_alone(machine: Machine, tmp_path: Path) -> None:
+def test_outside_of_its_processes_an_installed_scenario_leaves_files_alone(machine: Machine, tmp_path: Path) -> None:
     machine.disk.refuses = errno.ENOSPC
     with Installed(machine):
         (tmp_path / "file").write_text("words")

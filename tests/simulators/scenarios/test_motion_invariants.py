@@ -58,7 +58,7 @@ class History:
         log = (Noted(round(1e9 * LATCHED_S), "FOREIGN", self.stopped_by),) if self.stopped_by else ()
         truth = SimpleNamespace(arrays=rows, log=log, setpoints=setpoints)
         seen = SimpleNamespace(
-            world=SimpleNamespace(root=root), session=SimpleNamespace(truth=truth),
+            scenario=SimpleNamespace(root=root), session=SimpleNamespace(truth=truth),
             spans=lambda faults: [
                 (1e9 * at_s, 1e9 * self.fault_ends_s) for at_s, fault in self.begun if fault in faults
             ],

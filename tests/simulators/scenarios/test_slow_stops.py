@@ -31,7 +31,7 @@ def session(
     rows[:, 0], rows[:, 1] = TRIP_NS + 1e9 * t_s, np.where(t_s < moves_s, 0.01, 0.0)
     trip = {"t_ns": TRIP_NS, "latched_ns": TRIP_NS, "slug": "modbus-write-lost"}
     seen = SimpleNamespace(
-        world=SimpleNamespace(root=root),
+        scenario=SimpleNamespace(root=root),
         session=SimpleNamespace(answer=SimpleNamespace(rig_state=state)),
         stalled_s=0.0,
         by_hand=False,

@@ -23,7 +23,7 @@ from simulators.scenarios.streams import End
 SEEDS = range(12)
 
 
-def in_world(root: Path, seed: int, program: Callable[[Machine], object]) -> object:
+def in_scenario(root: Path, seed: int, program: Callable[[Machine], object]) -> object:
     """What a program gives as the main thread of a process."""
     kernel = Kernel(seed)
     machine, results = Machine(kernel, Disk(kernel, root, seed), seed), []
@@ -85,7 +85,7 @@ def test_bytes_arrive_in_order_whole_and_after_a_time(tmp_path: Path) -> None:
         return got == sent, chunks > 5
 
     for seed in SEEDS:
-        assert in_world(tmp_path, seed, program) == (True, True)
+        assert in_scenario(tmp_path, seed, program) == (True, True)
 
 
 def test_a_closed_connection_gives_what_was_sent_and_then_its_end(
@@ -103,7 +103,7 @@ def test_a_closed_connection_gives_what_was_sent_and_then_its_end(
     far.close()
     real = [near.recv(4) + near.recv(100), near.recv(10), near.recv(10)]
     for seed in SEEDS:
-        result = in_world(tmp_path, seed, program)
+        result = in_scenario(tmp_path, seed, program)
         assert isinstance(result, list)
         assert b"".join(result) == b"".join(real) == b"last words"
         assert result[-1] == real[-1] == b""
@@ -129,13 +129,13 @@ def test_the_first_write_to_a_closed_connection_goes_well_and_the_next_do_not(
     assert real[0] is None
     assert real[-1] == "EPIPE"
     for seed in SEEDS:
-        result = in_world(tmp_path, seed, program)
+        result = in_scenario(tmp_path, seed, program)
         assert isinstance(result, list)
         assert (result[0], result[-1]) == (real[0], real[-1])
         assert result[1] in {real[1], "ECONNRESET", b""}
 
 
-def test_a_reset_is_told_once_and_then_the_connection_is_at_its_end(
+def test_a_reset_is_reported_once_and_then_the_connection_is_at_its_end(
     tmp_path: Path, real_pair: tuple[socket.socket, socket.socket]
 ) -> None:
     def program(machine: Machine) -> object:
@@ -151,7 +151,7 @@ def test_a_reset_is_told_once_and_then_the_connection_is_at_its_end(
     real = error_of(lambda: near.recv(10)), error_of(lambda: near.recv(10)), error_of(lambda: near.sendall(b"x"))
     assert real == ("ECONNRESET", b"", "EPIPE")
     for seed in SEEDS:
-        assert in_world(tmp_path, seed, program) == real
+        assert in_scenario(tmp_path, seed, program) == real
 
 
 def test_a_connection_closed_with_bytes_unread_is_reset(
@@ -172,7 +172,7 @@ def test_a_connection_closed_with_bytes_unread_is_reset(
     threading.Event().wait(0.05)
     assert error_of(lambda: near.recv(10)) == "ECONNRESET"
     for seed in SEEDS:
-        assert in_world(tmp_path, seed, program) == "ECONNRESET"
+        assert in_scenario(tmp_path, seed, program) == "ECONNRESET"
 
 
 def test_half_a_connection_closed_still_carries_the_other_half(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_half_a_connection_closed_still_carries_the_other_half(tmp_path: Path) -
         sleep(machine, 0.1)
         return after, end, near.recv(1) + near.recv(10) != b""
 
-    assert in_world(tmp_path, 1, program) == ("EPIPE", b"", True)
+    assert in_scenario(tmp_path, 1, program) == ("EPIPE", b"", True)
 
 
 def test_time_outs_and_calls_that_do_not_wait(tmp_path: Path, real_pair: tuple[socket.socket, socket.socket]) -> None:
@@ -199,7 +199,7 @@ def test_time_outs_and_calls_that_do_not_wait(tmp_path: Path, real_pair: tuple[s
         return timed, straight, near.fileno(), error_of(lambda: near.recv(10))
 
     real = course(real_pair[0], os.read)
-    assert in_world(tmp_path, 1, lambda machine: course(pair(machine)[0], machine.read)) == real
+    assert in_scenario(tmp_path, 1, lambda machine: course(pair(machine)[0], machine.read)) == real
 
 
 def test_a_pipe_that_is_full(tmp_path: Path) -> None:
@@ -233,7 +233,7 @@ def test_a_pipe_that_is_full(tmp_path: Path) -> None:
     for number in ends:
         os.close(number)
     for seed in SEEDS:
-        assert in_world(tmp_path, seed, program) == real
+        assert in_scenario(tmp_path, seed, program) == real
 
 
 def _pipe(machine: Machine) -> tuple[End, End]:
@@ -254,7 +254,7 @@ def test_a_pipe_without_a_reader_breaks_and_one_without_a_writer_ends(tmp_path: 
         writable = machine.select([], [outward], [], None)[1] == [outward]
         return got, writable, error_of(lambda: machine.write(outward, b"x"))
 
-    assert in_world(tmp_path, 1, program) == ((b"abc", b"", True), True, "EPIPE")
+    assert in_scenario(tmp_path, 1, program) == ((b"abc", b"", True), True, "EPIPE")
 
 
 def test_a_waiting_write_goes_on_as_room_comes(tmp_path: Path) -> None:
@@ -274,7 +274,7 @@ def test_a_waiting_write_goes_on_as_room_comes(tmp_path: Path) -> None:
         return written, sum(map(len, got))
 
     for seed in SEEDS:
-        assert in_world(tmp_path, seed, program) == (300_000, 300_000)
+        assert in_scenario(tmp_path, seed, program) == (300_000, 300_000)
 
 
 def test_select_waits_for_readers_and_writers_together(tmp_path: Path) -> None:
@@ -290,11 +290,13 @@ def test_select_waits_for_readers_and_writers_together(tmp_path: Path) -> None:
         ready = machine.select([other_in], [outward], [], 5.0)
         return timed_out, ready == ([other_in], [], []), (machine.kernel.now_ns - began_ns) // 100_000_000, inward > 0
 
-    assert in_world(tmp_path, 1, program) == (([], [], []), True, 5, True)
+    assert in_scenario(tmp_path, 1, program) == (([], [], []), True, 5, True)
 
 
 def test_nobody_listens(tmp_path: Path) -> None:
-    assert in_world(tmp_path, 1, lambda machine: error_of(lambda: machine.connect(("127.0.0.1", 9)))) == "ECONNREFUSED"
+    assert (
+        in_scenario(tmp_path, 1, lambda machine: error_of(lambda: machine.connect(("127.0.0.1", 9)))) == "ECONNREFUSED"
+    )
 
 
 def test_the_ends_of_a_killed_process_close(tmp_path: Path) -> None:
@@ -307,4 +309,4 @@ def test_the_ends_of_a_killed_process_close(tmp_path: Path) -> None:
         machine.signal(process, signal.SIGKILL)
         return machine.read(ours, 10), process.exit_code, theirs in machine.ends
 
-    assert in_world(tmp_path, 1, program) == (b"", -9, False)
+    assert in_scenario(tmp_path, 1, program) == (b"", -9, False)

@@ -223,7 +223,7 @@ PROGRAMS = (
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.__name__)
-def test_a_program_gives_the_same_in_any_world_as_on_the_machine(program: Callable[[Any], object]) -> None:
+def test_a_program_gives_the_same_in_any_scenario_as_on_the_machine(program: Callable[[Any], object]) -> None:
     real = program(REAL)
     for seed in range(10):
         assert virtual(program, seed) == real, seed

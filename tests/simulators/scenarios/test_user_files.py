@@ -67,42 +67,42 @@ def own(changes: dict[str, str]) -> str:
     return text
 
 
-def test_a_world_has_the_sensors_that_the_bench_file_describes(tmp_path: Path) -> None:
+def test_a_scenario_has_the_sensors_that_the_bench_file_describes(tmp_path: Path) -> None:
     """Formats, rates, ranges, calibration, polarity, delay: what is recorded is what the rod really did."""
     given = files(tmp_path, own(OWN) + PRESSURE)
-    asked = request_for(given, (), None)
+    request = request_for(given, (), None)
     (tmp_path / "world").mkdir()
-    plan = replace(asked.plan(3), happenings=())
-    world, ended = live(plan, tmp_path / "world")
+    plan = replace(request.plan(3), events=())
+    scenario, ended = live(plan, tmp_path / "world")
     assert (ended.failed, plan.actuator) == ((), "rtu")
-    assert world.folder is not None
-    (path,) = world.folder.glob("points/*.h5")
-    point, truth = RecordedPoint.open(path), world.sessions[0].truth.arrays
+    assert scenario.folder is not None
+    (path,) = scenario.folder.glob("points/*.h5")
+    point, truth = RecordedPoint.open(path), scenario.sessions[0].truth.arrays
     force = point.force_samples
     assert 1.0 / np.median(np.diff(force.time_s)) == pytest.approx(200.0, rel=0.02)
     assert 1.0 / np.median(np.diff(point.time_s)) == pytest.approx(500.0, rel=0.02)
     for end, position_m in ((np.nanmin, 0.004), (np.nanmax, 0.016)):
         assert end(force.force_N) == pytest.approx(end(truth[:, 4]), abs=45.0), "in SI, with its sign and zero"
         assert end(point.displacement_m) == pytest.approx(position_m, abs=3e-4), "6 mm about the specimen's middle"
-    written, wanted = Bench.load(world.folder / "bench.toml"), Bench.load(given.bench or tmp_path)
-    assert written.limits == wanted.limits
-    assert written.load_cell.calibration == wanted.load_cell.calibration
+    written, expected = Bench.load(scenario.folder / "bench.toml"), Bench.load(given.bench or tmp_path)
+    assert written.limits == expected.limits
+    assert written.load_cell.calibration == expected.load_cell.calibration
     assert [channel.name for channel in written.auxiliary] == ["oil_pressure"]
 
 
-def test_the_example_bench_is_reached_by_other_wires_and_that_is_told(tmp_path: Path) -> None:
-    asked = request_for(files(tmp_path, DEMO), (), None)
-    assert "over slcan at 500 kbit/s instead of socketcan" in " ".join(asked.stood_in)
-    assert {asked.plan(seed).actuator for seed in range(30)} == {"tcp"}
-    assert asked.again(7).startswith(f"rig scenarios --seeds 7 --bench {tmp_path}/my-bench.toml --matrix {tmp_path}")
+def test_the_example_bench_is_reached_by_other_wires_and_that_is_reported(tmp_path: Path) -> None:
+    request = request_for(files(tmp_path, DEMO), (), None)
+    assert "over slcan at 500 kbit/s instead of socketcan" in " ".join(request.substitutes)
+    assert {request.plan(seed).actuator for seed in range(30)} == {"tcp"}
+    assert request.again(7).startswith(f"rig scenarios --seeds 7 --bench {tmp_path}/my-bench.toml --matrix {tmp_path}")
 
 
 def test_things_happen_all_through_a_long_campaign(tmp_path: Path) -> None:
     long = MATRIX.replace("cycles = 6", "cycles = 2000")
-    asked = request_for(files(tmp_path, DEMO, long), (), None)
-    times_s = [happening.at_s or 0.0 for seed in range(100) for happening in asked.plan(seed).happenings]
+    request = request_for(files(tmp_path, DEMO, long), (), None)
+    times_s = [event.at_s or 0.0 for seed in range(100) for event in request.plan(seed).events]
     assert 400.0 < max(times_s) < 520.0, "2000 cycles at 4 Hz"
-    assert asked.plan(1).lasts_s > 500.0
+    assert request.plan(1).lasts_s > 500.0
 
 
 @pytest.mark.parametrize(
@@ -146,8 +146,8 @@ def test_a_damper_that_the_file_does_not_name_must_fit_as_the_simulated_one(tmp_
 
 def test_drawn_matrices_run_on_a_user_s_bench_that_can_do_them(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(DEMO, encoding="utf-8")
-    asked = request_for(Files(bench=tmp_path / "bench.toml"), (), None)
-    assert len({asked.plan(seed).matrix for seed in range(5)}) > 1
+    request = request_for(Files(bench=tmp_path / "bench.toml"), (), None)
+    assert len({request.plan(seed).matrix for seed in range(5)}) > 1
     (tmp_path / "bench.toml").write_text(own({'speed = "0.8 m/s"': 'speed = "0.1 m/s"'}), encoding="utf-8")
     with pytest.raises(Refused, match="specify a matrix with --matrix"):
         request_for(Files(bench=tmp_path / "bench.toml"), (), None)
@@ -192,13 +192,13 @@ def test_a_campaign_runs_on_a_polled_load_cell_and_a_packed_stream_described_by_
         'sensitivity = 0.001                # m per unit on the wire: the sensor sends millimetres\noffset = "0 mm"':
         'points = [[500, "-105 mm"], [64500, "105 mm"]]',
     })  # fmt: skip
-    asked = request_for(files(tmp_path, bench, MATRIX.replace("mid_stroke", "# mid_stroke")), (), None)
+    request = request_for(files(tmp_path, bench, MATRIX.replace("mid_stroke", "# mid_stroke")), (), None)
     (tmp_path / "world").mkdir()
-    world, ended = live(replace(asked.plan(3), happenings=()), tmp_path / "world")
+    scenario, ended = live(replace(request.plan(3), events=()), tmp_path / "world")
     assert ended.failed == ()
-    assert world.folder is not None
-    (path,) = world.folder.glob("points/*.h5")
-    point, truth = RecordedPoint.open(path), world.sessions[0].truth.arrays
+    assert scenario.folder is not None
+    (path,) = scenario.folder.glob("points/*.h5")
+    point, truth = RecordedPoint.open(path), scenario.sessions[0].truth.arrays
     assert np.ptp(point.displacement_m) == pytest.approx(2 * 6e-3, rel=0.02)
     assert 1.0 / np.median(np.diff(point.force_samples.time_s)) == pytest.approx(200.0, rel=0.02)
     for end in (np.nanmin, np.nanmax):
@@ -209,12 +209,12 @@ def test_nobody_turns_the_knobs_of_a_program_where_set_points_are_streamed(tmp_p
     slow = matrix_text("0.5 A", amplitude="6 mm", frequency="1 Hz")
     given = files(tmp_path, DEMO.replace('register_map = "demo"', 'register_map = "demo-streamed"'), slow)
     plans = [request_for(given, (), None).plan(seed) for seed in range(200)]
-    happened = {happening.what for made in plans for happening in made.happenings}
+    happened = {event.what for made in plans for event in made.events}
     assert happened >= {"second-master", "actuator-frozen:slips"}
     assert not happened & {"second-master:span", "second-master:offset", "second-master:jumps"}
     with pytest.raises(click.BadParameter, match="this bench streams set-points"):
         request_for(given, ("second-master:span@1",), None)
-    assert request_for(given, ("setpoints-lost@1",), None).plan(0).happenings
+    assert request_for(given, ("setpoints-lost@1",), None).plan(0).events
 
 
 def test_a_specimen_that_is_installed_away_from_the_middle_is_not_at_its_end_stop(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from station_rigs import Change, StationRig, WiredStationRig, WorldStationRig
+from station_rigs import Change, ScenarioStationRig, StationRig, WiredStationRig
 
 
-def maker(kind: type[WiredStationRig | WorldStationRig], folder: Path) -> Iterator[Callable[..., StationRig]]:
+def maker(kind: type[WiredStationRig | ScenarioStationRig], folder: Path) -> Iterator[Callable[..., StationRig]]:
     """Makes stations on simulated rigs, and ends them after the test."""
-    made: list[WiredStationRig | WorldStationRig] = []
+    made: list[WiredStationRig | ScenarioStationRig] = []
 
     def make(*arguments: str, speed: float = 1.0, **changes: Change) -> StationRig:
         place = folder / str(len(made))
@@ -27,7 +27,7 @@ def maker(kind: type[WiredStationRig | WorldStationRig], folder: Path) -> Iterat
 @pytest.fixture
 def station_rig(tmp_path: Path) -> Iterator[Callable[..., StationRig]]:
     """In virtual time, one at a time: `station_rig("--fault", "estop@1", speed=1.0, **config_changes)`."""
-    yield from maker(WorldStationRig, tmp_path)
+    yield from maker(ScenarioStationRig, tmp_path)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ def moving(make: Make, *arguments: str) -> Any:  # noqa: ANN401 - whatever the f
 
 
 @pytest.mark.nightly
-def test_half_of_what_is_allowed_thirty_times_blames_nobody_and_is_counted(station_rig: Make) -> None:
+def test_half_of_what_is_allowed_thirty_times_blames_no_device_and_is_counted(station_rig: Make) -> None:
     rig, chance = moving(station_rig), random.Random(1)
     held_s = [0.5 * rig.config.late_limit_s] * 30
     for length_s in held_s:

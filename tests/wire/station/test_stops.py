@@ -194,7 +194,7 @@ def test_fault_trips_by_its_name_and_the_rod_comes_to_rest(station_rig: Make, fa
 
 
 @pytest.mark.nightly
-def test_a_coil_whose_temperature_is_not_told_any_more_stops_the_rig(station_rig: Make) -> None:
+def test_a_coil_whose_temperature_is_not_reported_any_more_stops_the_rig(station_rig: Make) -> None:
     rig = station_rig("--option", "coil.temperatures_until_s=12", speed=2.0)
     rig.client.request("connect")
     rig.client.request("arm")

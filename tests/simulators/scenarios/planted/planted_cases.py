@@ -16,9 +16,9 @@ from planted_patching import in_force
 from planted_reach import watched
 from planted_safeguards import SAFEGUARDS
 
-from simulators.scenarios import scenario as worlds
+from simulators.scenarios import scenario as scenarios
 from simulators.scenarios.drawn_rig import bench_file
-from simulators.scenarios.invariants import judged
+from simulators.scenarios.invariants import violations
 from simulators.scenarios.plan import STREAMED_TICK_S, FaultEvent, ScenarioPlan
 from simulators.scenarios.runs import memory
 
@@ -34,7 +34,7 @@ class Case:
 
     Attributes:
         invariant: does not hold with the bug; all hold without it.
-        happenings: what happens.
+        events: what happens.
         seed: of this world.
         held_up: as `ScenarioPlan.held_up`.
         matrix: of this world.
@@ -42,7 +42,7 @@ class Case:
     """
 
     invariant: str
-    happenings: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
     seed: int = 1
     held_up: float = 0.01
     matrix: str = MATRIX
@@ -51,19 +51,19 @@ class Case:
     @property
     def plan(self) -> ScenarioPlan:
         """The world's plan."""
-        happenings = tuple(map(FaultEvent.parse, self.happenings))
-        plan = ScenarioPlan(self.seed, self.matrix, happenings, held_up=self.held_up)
+        events = tuple(map(FaultEvent.parse, self.events))
+        plan = ScenarioPlan(self.seed, self.matrix, events, held_up=self.held_up)
         # Of a drawn kind: where the plan refuses the motion, it is made smaller.
         return replace(plan, bench=self.bench, kind="streamed", tick_s=STREAMED_TICK_S) if self.bench else plan
 
 
 def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
     """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
-    shorter = patch.multiple(worlds, SESSION_S=SESSION_S, REST_S=REST_S)
+    shorter = patch.multiple(scenarios, SESSION_S=SESSION_S, REST_S=REST_S)
     with shorter, in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
-        world = worlds.Scenario(case.plan, Path(name), most_sessions=1)
-        world.run()
-        return {invariant: words[:300] for invariant, words, _ in judged(world)}, world.digest()
+        scenario = scenarios.Scenario(case.plan, Path(name), most_sessions=1)
+        scenario.run()
+        return {invariant: words[:300] for invariant, words, _ in violations(scenario)}, scenario.digest()
 
 
 def with_the_bug(name: str) -> tuple[dict[str, str], str]:
@@ -190,7 +190,7 @@ CASES: dict[str, Case] = {
 }
 
 
-def judged_by_case(name: str, bug: dict[str, str], healthy: tuple[dict[str, str], set[str]]) -> str:
+def checked_by_case(name: str, bug: dict[str, str], healthy: tuple[dict[str, str], set[str]]) -> str:
     """What is wrong with a case: with the bug its invariant must break, without it nothing may; empty when right."""
     failed, comes_by = healthy
     if failed:
@@ -200,6 +200,6 @@ def judged_by_case(name: str, bug: dict[str, str], healthy: tuple[dict[str, str]
     return "" if CASES[name].invariant in bug else f"{CASES[name].invariant} holds with the bug: {bug}"
 
 
-def world_of(case: Case) -> Case:
+def scenario_of(case: Case) -> Case:
     """What several bugs may share."""
     return replace(case, invariant="")

@@ -25,7 +25,7 @@ OTHERS_JOURNALS = (
 )
 """S2: journals of other points whose names begin alike are put aside while they are converted."""
 
-FOREIGN_STOP = (
+OTHER_STOP = (
     Edit(
         CONTROLLER,
         "        findings = self._command(status, sent)\n",
@@ -62,6 +62,6 @@ LATE_WORD = (
 """S8: a stop's cause is told after the stop is performed, when a later one may have been told."""
 
 FINDINGS: dict[str, tuple[Edit, ...]] = {
-    "S1-hangs": HANGS, "S2-others-journals": OTHERS_JOURNALS, "S3-foreign-stop": FOREIGN_STOP,
+    "S1-hangs": HANGS, "S2-others-journals": OTHERS_JOURNALS, "S3-foreign-stop": OTHER_STOP,
     "S7-log-first": LOG_FIRST, "S8-late-word": LATE_WORD,
 }

@@ -56,14 +56,14 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         Edit(CURRENT, "if not counted.bad_in_a_row:", "if True:"),
     ),
     "ecu-silent": (deaf_station("ecu-silent", "can-busoff", "can-lost"),),
-    "foreign-frames": (Edit(CURRENT, "if counted.foreign_commands > self._foreign:", "if False:"),),
+    "foreign-frames": (Edit(CURRENT, "if counted.foreign_commands > self._other_commands:", "if False:"),),
     "bus-load": (Edit(CURRENT, "if share <= FULL_BUS:", "if True:"),),
     # What the sensors say
     "sensor-silent": (
         Edit(SENSOR, "            self._supervisor.report([finding])\n", "            pass\n"),
         deaf_station("loadcell-pulled", "lvdt-pulled"),
     ),
-    "sensor-stuck": (Edit(SENSOR, "if self._stands():", "if False:"),),
+    "sensor-stuck": (Edit(SENSOR, "if self._is_stuck():", "if False:"),),
     "sensor-saturated": (Edit(CHANNEL, "if self._saturated >= CONSECUTIVE:", "if False:"),),
     "sensor-spikes": (
         Edit(CHANNEL, "if not flags & Quality.GAP_BEFORE and abs(value", "if False and abs(value"),

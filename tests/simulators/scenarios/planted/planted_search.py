@@ -25,12 +25,12 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 
 import click
-from planted_cases import CASES, PLANTED, judged_by_case, with_the_bug, world_of
+from planted_cases import CASES, PLANTED, checked_by_case, scenario_of, with_the_bug
 from planted_cases import without as without_bugs
 from planted_patching import in_force
 from planted_reach import Mark, watched
 
-from simulators.scenarios import scenario as worlds
+from simulators.scenarios import scenario as scenarios
 from simulators.scenarios.drawn_rig import STREAMED_MAPS
 from simulators.scenarios.plan import FaultEvent, ScenarioPlan, drawn
 from simulators.scenarios.request import seeds_of
@@ -59,7 +59,7 @@ class Unbugged:
 
 def first_session(plan: ScenarioPlan) -> Ended:
     """A world to the end of its first session."""
-    worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
+    scenarios.SESSION_S, scenarios.REST_S = SESSION_S, REST_S
     return alone(plan, most_sessions=1)
 
 
@@ -81,13 +81,13 @@ def smallest(name: str, seed: int) -> str:
     plan = drawn(seed)
     with in_force(PLANTED[name]):
         least, _ = shrunk(plan, first_session(plan), lambda _: None, first_session)
-    return " ".join(map(str, least.happenings)) or "nothing has to happen"
+    return " ".join(map(str, least.events)) or "nothing has to happen"
 
 
 def worth_trying(name: str, without: Sequence[Unbugged]) -> list[int]:
     """Seeds of worlds in which a bug can make a difference, ascending."""
     seeds = [
-        [world.seed for world in without if (name, number) in world.comes_by and not world.fails]
+        [scenario.seed for scenario in without if (name, number) in scenario.comes_by and not scenario.fails]
         for number in range(len(PLANTED[name]))
     ]
     few = [some for some in seeds if len(some) < FEW * len(without)]
@@ -105,10 +105,10 @@ def likely(name: str, seeds: range) -> list[int]:
     Another variant of the same row comes after all that are the same.
     """
     case, drawn_too = CASES[name], list[tuple[int, int, bool, int]]()
-    what = {FaultEvent.parse(text).what for text in case.happenings}
+    what = {FaultEvent.parse(text).what for text in case.events}
     for seed in seeds:
         plan = drawn(seed)
-        given = {happening.what for happening in plan.happenings}
+        given = {event.what for event in plan.events}
         rows = {text.partition(":")[0] for text in what} & {text.partition(":")[0] for text in given}
         fits = NAMED_POINT in plan.matrix or NAMED_POINT not in case.matrix
         fits = fits and (streamed(plan.bench) or not streamed(case.bench))
@@ -121,19 +121,19 @@ def looked_for(name: str, seeds: Sequence[int], pool: Executor, jobs: int) -> tu
     """How many of these worlds were tried with a bug, and the first in which something does not hold."""
     for start in range(0, len(seeds), jobs):
         block = seeds[start : start + jobs]
-        for place, world in enumerate(pool.map(tried, [name] * len(block), block), start=start + 1):
-            if world.failed:
-                return place, world
+        for place, scenario in enumerate(pool.map(tried, [name] * len(block), block), start=start + 1):
+            if scenario.failed:
+                return place, scenario
     return len(seeds), None
 
 
-def row(name: str, count: int, world: Ended, pool: Executor, *, shrinks: bool) -> str:
+def row(name: str, count: int, scenario: Ended, pool: Executor, *, shrinks: bool) -> str:
     """A line of the table: bug, seed, how many were tried, what does not hold, replay, what happens."""
-    again = pool.submit(tried, name, world.seed).result()
-    same = (again.digest, again.failed) == (world.digest, world.failed)
-    broken = ", ".join(dict.fromkeys(invariant for invariant, _, _ in world.failed))
-    happens = pool.submit(smallest, name, world.seed).result() if shrinks else " ".join(world.happenings)
-    return f"| {name} | {world.seed} | {count} | {broken} | {'the same' if same else 'ANOTHER WORLD'} | {happens} |"
+    again = pool.submit(tried, name, scenario.seed).result()
+    same = (again.digest, again.failed) == (scenario.digest, scenario.failed)
+    broken = ", ".join(dict.fromkeys(invariant for invariant, _, _ in scenario.failed))
+    happens = pool.submit(smallest, name, scenario.seed).result() if shrinks else " ".join(scenario.scheduled)
+    return f"| {name} | {scenario.seed} | {count} | {broken} | {'the same' if same else 'ANOTHER WORLD'} | {happens} |"
 
 
 def main() -> int:
@@ -151,12 +151,12 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker) as pool:
-        missed = made(given.names or list(CASES), pool) if given.made else drawn_worlds(given, pool)
+        missed = made(given.names or list(CASES), pool) if given.made else drawn_scenarios(given, pool)
     click.echo(f"{missed} not found, {time.monotonic() - begin_s:.0f} s", err=True)
     return 5 if missed else 0
 
 
-def drawn_worlds(given: argparse.Namespace, pool: Executor) -> int:
+def drawn_scenarios(given: argparse.Namespace, pool: Executor) -> int:
     """Look for bugs in the worlds of the seeds; tell the table, return how many were not found."""
     seeds, tries = seeds_of(given.seeds), dict.fromkeys(given.names or PLANTED, 0)
     click.echo("| planted | first seed | tried | does not hold | replay | what happens |\n|---|---|---|---|---|---|")
@@ -166,9 +166,9 @@ def drawn_worlds(given: argparse.Namespace, pool: Executor) -> int:
             click.echo(row(name, tries.pop(name), ended, pool, shrinks=given.shrink))
     for start in range(seeds.start, seeds.stop, BLOCK) if tries else ():
         without = list(pool.map(unbugged, range(start, min(start + BLOCK, seeds.stop))))
-        for world in without:
-            if world.fails:
-                click.echo(f"seed {world.seed} is left out: something does not hold without any bug", err=True)
+        for scenario in without:
+            if scenario.fails:
+                click.echo(f"seed {scenario.seed} is left out: something does not hold without any bug", err=True)
         for name in list(tries):
             count, ended = looked_for(name, worth_trying(name, without), pool, given.jobs)
             tries[name] += count
@@ -183,12 +183,12 @@ def drawn_worlds(given: argparse.Namespace, pool: Executor) -> int:
 
 def made(names: list[str], pool: Executor) -> int:
     """Run each bug in the world made for it; tell what is wrong, return with how many something is."""
-    worlds_of = {name: world_of(CASES[name]) for name in names}
-    cases = list(dict.fromkeys(worlds_of.values()))
+    scenarios_of = {name: scenario_of(CASES[name]) for name in names}
+    cases = list(dict.fromkeys(scenarios_of.values()))
     bugs, healthy = pool.map(with_the_bug, names), dict(zip(cases, pool.map(without_bugs, cases), strict=True))
     wrong = 0
     for name, (failed, _) in zip(names, bugs, strict=True):
-        words = judged_by_case(name, failed, healthy[worlds_of[name]])
+        words = checked_by_case(name, failed, healthy[scenarios_of[name]])
         click.echo(f"{name}: {words or CASES[name].invariant}")
         wrong += bool(words)
     return wrong

@@ -1,0 +1,559 @@
+"""Damper tests in files of other programs: read, converted to SI, and checked for plausibility."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from protocols.patterns import Pattern, PatternError
+from rig.errors import FileProblem
+from rig.recording.file_formats.columns import (
+    MOST_SHOWN,
+    REQUIRED,
+    ColumnChoice,
+    check_choices,
+    choose,
+    suggestions,
+)
+from rig.recording.file_formats.formats import open_file
+from rig.recording.file_formats.table_file import Break, Dialect, TableFile, check_equal_lengths
+from rig.recording.file_formats.together import brought_together
+from rig.signals.arrays import FloatArray
+from rig.signals.cycles import cycle_rate_Hz
+from rig.signals.interpolation import LARGEST_STEP_PERIODS
+from rig.signals.plausibility import TestSize, doubts
+from rig.signals.sample_times import SampleTimes, sample_times
+
+FEWEST_ROWS = 16
+SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
+"""Sample rates of damper tests."""
+#: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
+LARGEST = {
+    "displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A"),
+    "voltage": (100.0, "V"), "temperature": (300.0, "degC"),
+}
+#: The unit of such numbers, probably, as a column's name is given it.
+LIKELY = {
+    "displacement": "mm (NAME:mm)", "force": "N, not kN (NAME:N)", "current": "mA (NAME:mA)",
+    "commanded_current": "mA (NAME:mA)", "voltage": "mV (NAME:mV)",
+    "temperature": "K (NAME:K)",
+}
+USUAL_NO_VALUE = tuple(sign * number for number in (
+    999.0, 999.25, 9999.0, 9999.9, 9999.99, 32767.0, 32768.0, 65535.0, 99999.0, 999999.0,
+    2147483647.0, 2147483648.0, 1e30, 9.9e37, 9.91e37, 1e38,
+    float(np.finfo(np.float32).max),
+) for sign in (-1.0, 1.0))  # fmt: skip
+"""Numbers by which programs write that there is no value (SCPI: 9.9e37 is overflow, 9.91e37 no number)."""
+NO_VALUE_JUMP = 3.0
+"""Such a number is that many times the largest step of the column away from its neighbours."""
+RATE = "sample-rate"
+DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
+"""What can be accepted by its slug."""
+
+
+@dataclass(frozen=True)
+class ImportedTest:
+    """One foreign test in SI on its own time: arrays (n,), NaN where the file has no number.
+
+    `part` names the part of its file where this holds several tests.
+    """
+
+    source: Path
+    sha256: str
+    time_s: FloatArray
+    displacement_m: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    nominal_current_A: float
+    current_measured: bool
+    commanded_A: FloatArray | None
+    choices: Mapping[str, ColumnChoice]
+    read_as: str
+    temperature_degC: FloatArray | None = None
+    part: str = ""
+    times: SampleTimes | None = None
+    """How the times were found behind the file's stamps."""
+
+
+@dataclass(frozen=True)
+class ImportSettings:
+    """What to read of every file; see `rig.recording.importing.import_tests` for each."""
+
+    columns: Mapping[str, str]
+    current_A: float | None = None
+    current_from_name: str | None = None
+    rate_Hz: float | None = None
+    dialect: Dialect = field(default_factory=Dialect)
+    accept: tuple[str, ...] = ()
+    ampere_per_volt: float = 1.0
+    scales: Mapping[str, str | float] = field(default_factory=dict)
+    no_value: Sequence[float] | None = None
+
+
+def read_tests(files: Sequence[Path], settings: ImportSettings) -> list[ImportedTest]:
+    """Read foreign tests; nothing is written.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit, in any of the files.
+    """
+    pattern = _current_pattern(settings.current_from_name)
+    unknown = [slug for slug in settings.accept if slug not in DOUBTS]
+    if unknown:
+        raise FileProblem("--accept", [f"got {slug!r}, expected one of {', '.join(DOUBTS)}" for slug in unknown])
+    if settings.rate_Hz is not None and not 0.0 < settings.rate_Hz < np.inf:
+        raise FileProblem("--rate", [f"got {settings.rate_Hz!r} Hz, expected a rate above 0"])
+    twice = list(_stated_twice(files, settings))
+    if twice:
+        raise FileProblem("import", twice)
+    tests: list[ImportedTest] = []
+    problems: dict[str, list[Path]] = {}
+    for file in files:
+        try:
+            tests += _read_file(Path(file), settings, pattern)
+        except FileProblem as error:
+            for problem in error.problems:
+                problems.setdefault(problem, []).append(Path(file))
+    if not files:
+        raise FileProblem("import", ["no files given"])
+    if problems:
+        raise FileProblem("import", [f"{named_files(where)}: {problem}" for problem, where in problems.items()])
+    return tests
+
+
+def _stated_twice(files: Sequence[Path], settings: ImportSettings) -> Iterator[str]:
+    """What is told in two ways, of which one would be left out in silence, or counted twice."""
+    if settings.rate_Hz is not None and "time" in settings.columns:
+        time = settings.columns["time"]
+        yield f"--rate and --column time={time} both specify the sample times. Fix: remove one option"
+    places = [Path(file).resolve() for file in files]
+    for place in dict.fromkeys(place for place in places if places.count(place) > 1):
+        yield (
+            f"{place} is given {places.count(place)} times. Fix: specify each file only once, because duplicates would "
+            "make the confidence intervals too narrow"
+        )
+
+
+def named_files(files: Sequence[Path]) -> str:
+    """The first three of them, and how many more there are."""
+    more = f" and {len(files) - 3} more" if len(files) > 3 else ""
+    return ", ".join(map(str, files[:3])) + more
+
+
+def _current_pattern(text: str | None) -> Pattern | None:
+    if text is None:
+        return None
+    try:
+        pattern = Pattern(text)
+    except PatternError as error:
+        raise FileProblem("--current-from-name", [f"{text!r} is not a valid regular expression: {error}"]) from error
+    if "current" not in pattern.groups:
+        raise FileProblem("--current-from-name", [f"{text!r} has no group (?P<current>...)"])
+    return pattern
+
+
+def _read_file(file: Path, settings: ImportSettings, pattern: Pattern | None) -> list[ImportedTest]:
+    """The tests of a file.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
+    tables, sha256 = _opened(file, settings)
+    tests: list[ImportedTest] = []
+    for name, opened in tables:
+        tests += _tests_of(file, sha256, opened, name if len(tables) > 1 else "", settings, pattern)
+    return tests
+
+
+def _tests_of(
+    file: Path, sha256: str, opened: TableFile, name: str, settings: ImportSettings, pattern: Pattern | None
+) -> list[ImportedTest]:
+    """The tests of a table.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
+    choices = _choices(file, opened, settings)
+    table, stated = _table(file, opened, choices, settings)
+    if "voltage" in table:
+        table.setdefault("commanded_current", table["voltage"] * settings.ampere_per_volt)
+    parts, notes = _parts(opened, table["time"], settings)
+    if not parts:
+        raise FileProblem(str(file), [
+            *notes, f"no part of the file has at least {FEWEST_ROWS} rows (read as {opened.read_as})"
+        ])
+    tests = []
+    for number, (start, stop) in enumerate(parts, start=1):
+        part = "_".join([*([name] if name else []), *([f"part{number}"] if len(parts) > 1 else [])])
+        tests.append(_test(file, sha256, opened, choices, {
+            quantity: values[start:stop] for quantity, values in table.items()
+        }, _Part(part, start, (*notes, *stated)), settings, pattern))  # fmt: skip
+    return tests
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Part of a file: its name, its first row, and what to state of the file's other lines."""
+
+    name: str
+    first_row: int
+    notes: tuple[str, ...]
+
+
+def _lines(breaks: Sequence[Break]) -> str:
+    shown = ", ".join(str(one.line) for one in breaks[:3])
+    return f"line{'s' * (len(breaks) > 1)} {shown}{', ...' * (len(breaks) > 3)}"
+
+
+def _test(
+    file: Path, sha256: str, opened: TableFile, choices: Mapping[str, ColumnChoice], table: Mapping[str, FloatArray],
+    part: _Part, settings: ImportSettings, pattern: Pattern | None,
+) -> ImportedTest:
+    """A test of a table in SI.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
+    known = next((name for name in ("current", "commanded_current") if name in table), "")
+    table = dict(table)
+    times = uniform_times(table)
+    problems = [
+        *_wrong_time(opened, table["time"], choices, part.first_row), *_empty(table, choices),
+        *_too_large(table, {quantity: choice.text for quantity, choice in choices.items()}),
+    ]
+    nominal_A = np.nan
+    try:
+        nominal_A = _nominal_A(" ".join((file.name, part.name)).strip(), table.get(known), settings, pattern)
+    except ValueError as error:
+        problems.append(str(error))
+    if not problems:
+        problems = list(_doubtful(table, settings.accept))
+    if problems:
+        where = [f"{part.name}:"] * bool(part.name)
+        raise FileProblem(str(file), [*(" ".join((*where, one)) for one in problems), f"(read as {opened.read_as})"])
+    assumed_A = nominal_A if "commanded_current" not in table else np.nan
+    time_s = table["time"]
+    current = table["current"] if "current" in table else np.full(len(time_s), assumed_A)
+    time_base = [f"time base: {times.description}"] if times is not None and times.description else []
+    notes = "; ".join(
+        (*part.notes, *(f"{quantity} {choice.description}" for quantity, choice in choices.items()), *time_base)
+    )
+    return ImportedTest(
+        file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
+        table.get("commanded_current"), choices, f"{opened.read_as}; {notes}", table.get("temperature"), part.name,
+        times,
+    )
+
+
+def uniform_times(table: dict[str, FloatArray]) -> SampleTimes | None:
+    """How the times were found; where a uniform rate is behind the stamps, the table's time is that from here on."""
+    stamps_s = table["time"]
+    if stamps_s.size < FEWEST_ROWS or not np.all(np.isfinite(stamps_s)):
+        return None
+    times = sample_times(stamps_s, (table["displacement"], table["force"]))
+    if times.uniform:
+        table["time"] = times.time_s + stamps_s[0]
+    return times
+
+
+def _parts(opened: TableFile, time_s: FloatArray, settings: ImportSettings) -> tuple[list[tuple[int, int]], list[str]]:
+    """First row and row after the last of each test in a file, and what is to be stated of its other lines.
+
+    Blocks under the same heading are one test where their time goes on without a gap, otherwise a test each.
+    """
+    breaks = opened.breaks()
+    if not breaks:
+        return [(0, len(time_s))], []
+    steps = np.diff(time_s)
+    forward = steps[steps > 0.0]
+    longest_s = LARGEST_STEP_PERIODS * float(np.median(forward)) if len(forward) else 0.0
+    cuts = []
+    for one in breaks:
+        if 0 < one.row < len(time_s):
+            step_s = float(time_s[one.row] - time_s[one.row - 1])
+            goes_on = "time" in settings.columns or settings.rate_Hz is None
+            cut = not (goes_on and 0.0 < step_s <= longest_s) if one.heading else settings.dialect.event_rows == "split"
+            cuts += [one.row] * cut
+    edges = [0, *sorted({*cuts}), len(time_s)]
+    parts = [(start, stop) for start, stop in itertools.pairwise(edges) if stop - start >= FEWEST_ROWS]
+    return parts, list(_notes(breaks, len(edges) - 1, parts, len(time_s)))
+
+
+def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]], rows: int) -> Iterator[str]:
+    """What to state of lines between rows, and of rows that are in no test."""
+    headings = [one for one in breaks if one.heading]
+    events = [one for one in breaks if one.count and not one.heading]
+    if headings:
+        yield f"{len(headings)} repeated heading(s) ({_lines(headings)})"
+    if events:
+        yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events)})"
+    if count > 1:
+        yield f"file split into {count} parts at these rows, one test each"
+    elif headings:
+        yield "the parts before and after these headings were joined because the time continues"
+    used = sum(stop - start for start, stop in parts)
+    if used < rows:
+        yield f"{rows - used} rows skipped: their parts have fewer than {FEWEST_ROWS} rows"
+
+
+def _opened(file: Path, settings: ImportSettings) -> tuple[list[tuple[str, TableFile]], str]:
+    """The tables of a file and its SHA-256.
+
+    Raises:
+        FileProblem: it cannot be read; what is wrong with the wanted columns is said too.
+    """
+    try:
+        return open_file(file, settings.dialect)
+    except FileProblem as error:
+        try:
+            check_choices(settings.columns, settings.scales)
+        except FileProblem as other:
+            raise FileProblem(str(file), [*error.problems, *other.problems]) from error
+        raise
+
+
+def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[str, ColumnChoice]:
+    """The columns to read.
+
+    Raises:
+        FileProblem: not all can be told; which ones there are is said.
+    """
+    try:
+        check_choices(settings.columns, settings.scales)
+        if {"voltage", "commanded_current"} <= settings.columns.keys():
+            raise FileProblem("--column", ["voltage and commanded_current both specify the coil command. Fix: use "
+                "only one of them"])
+        return choose(opened.columns, settings.columns, opened.is_stamps, settings.scales)
+    except FileProblem as error:
+        absent = [name for name in (*REQUIRED, "time") if name not in settings.columns]
+        if not absent:
+            raise FileProblem(str(file), [*error.problems, f"(read as {opened.read_as})"]) from error
+        shown = [(one.full or one.name) + (f" ({one.unit})" if one.unit and one.unit not in one.full else "")
+                 for one in opened.columns[:MOST_SHOWN]]  # fmt: skip
+        hint = " ".join(suggestions(opened.columns, absent))
+        raise FileProblem(str(file), [
+            *error.problems, f"read as {opened.read_as}; its columns: {', '.join(shown)}",
+            *([f"perhaps {hint}"] if hint else []),
+        ]) from error  # fmt: skip
+
+
+def _table(
+    file: Path, opened: TableFile, choices: Mapping[str, ColumnChoice], settings: ImportSettings
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """The columns in SI without empty rows at the end, and what is to be stated of them.
+
+    Raises:
+        FileProblem: values are no numbers, or there is no time.
+    """
+    places = [choice.place for choice in choices.values()]
+    table, notes = {}, []
+    for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True):
+        values, missing = without_no_value(values, () if quantity == "time" else settings.no_value)
+        notes += [f"{quantity}: {note}" for note in missing]
+        with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes are numbers too
+            table[quantity] = values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
+    if "time" not in table:
+        rows = len(next(iter(table.values())))
+        time_s = np.arange(rows) / settings.rate_Hz if settings.rate_Hz is not None else opened.own_time(places)
+        if time_s is not None and not isinstance(time_s, np.ndarray):
+            return _together(file, opened, choices, table, time_s, notes)
+        if time_s is None:
+            hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
+            raise FileProblem(str(file), [
+                f"time: no column specified. Fix: write --column time=NAME, or --rate '1 kHz'{hint}"
+            ])  # fmt: skip
+        table["time"] = time_s
+    check_equal_lengths(file, list(table), [len(values) for values in table.values()])
+    rows = len(table["time"])
+    given = [values for quantity, values in table.items() if quantity != "time" or "time" in choices]
+    while rows and all(np.isnan(values[rows - 1]) for values in given):
+        rows -= 1
+    return {quantity: values[:rows] for quantity, values in table.items()}, notes
+
+
+def _together(
+    file: Path, opened: TableFile, choices: Mapping[str, ColumnChoice], table: Mapping[str, FloatArray],
+    times_s: Sequence[FloatArray], notes: list[str],
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Channels with times of their own, at the times of the displacement; what is stated of it is added to the notes.
+
+    Raises:
+        FileProblem: they do not belong together.
+    """
+    by_quantity = dict(zip(choices, times_s, strict=True))
+    brought = brought_together(table, by_quantity)
+    if brought is None:
+        counts = ", ".join(f"{opened.columns[choice.place].full or choice.column} {len(by_quantity[quantity])} samples"
+                         for quantity, choice in choices.items())  # fmt: skip
+        raise FileProblem(str(file), [
+            f"the channels were not sampled together: {counts}. Fix: first resample the channels to a common time base "
+            "(MDF.resample)"
+        ])  # fmt: skip
+    time_s, channels = brought
+    moved = [quantity for quantity in choices if not np.array_equal(by_quantity[quantity], by_quantity["displacement"])]
+    return {"time": time_s, **channels}, [
+        *notes, f"{', '.join(moved)} interpolated to the sample times of displacement (each channel has its own "
+        "sample times)"
+    ]  # fmt: skip
+
+
+def without_no_value(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, list[str]]:
+    """A column (n,) with NaN in place of infinite values and of numbers that stand for no value, and what was found.
+
+    Args:
+        values: as read.
+        stated: see `without_sentinels`.
+    """
+    infinite = np.isinf(values)
+    notes = [f"{np.count_nonzero(infinite)} infinite value(s) read as missing"] * bool(infinite.any())
+    values, missing = without_sentinels(np.where(infinite, np.nan, values) if notes else values, stated)
+    return values, [*notes, *(f"{count} values of {number:g} read as missing" for number, count in missing.items())]
+
+
+def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, dict[float, int]]:
+    """Numbers by which programs write that there is no value, taken out.
+
+    Args:
+        values: as the file has them, (n,).
+        stated: the numbers, where the user states them; None: the usual ones, where `_no_value` finds that they are.
+
+    Returns:
+        The values, NaN where there is none, and how often each number was found.
+    """
+    missing: dict[float, int] = {}
+    for number in USUAL_NO_VALUE if stated is None else stated:
+        here = values == number
+        if here.any() and (stated is not None or _no_value(values, number)):
+            missing[float(number)] = int(np.count_nonzero(here))
+    if not missing:
+        return values, {}
+    return np.where(np.isin(values, list(missing)), np.nan, values), missing
+
+
+def _no_value(values: FloatArray, number: float) -> bool:
+    """Whether a usual number for no value is one in a column: beyond all others, by far or in single jumps."""
+    known = np.isfinite(values) & ~np.isin(values, USUAL_NO_VALUE)
+    rest = values[known]
+    if len(rest) < 2:
+        return bool(number < 0.0)
+    beyond = max(float(np.min(rest)) - number, number - float(np.max(rest)))
+    if beyond > float(np.ptp(rest)):
+        return True
+    places = np.flatnonzero(values == number)
+    jumps = np.abs(number - np.interp(places, np.flatnonzero(known), rest))
+    return beyond > 0.0 and float(np.min(jumps)) > NO_VALUE_JUMP * float(np.max(np.abs(np.diff(rest))))
+
+
+def _wrong_time(
+    opened: TableFile, time_s: FloatArray, choices: Mapping[str, ColumnChoice], first_row: int
+) -> Iterator[str]:
+    column = f", column {choices['time'].column!r}" if "time" in choices else ""
+    blank = np.flatnonzero(~np.isfinite(time_s))
+    if len(blank):
+        yield f"{opened.row_name(int(blank[0]) + first_row)}{column}: no time ({len(blank)} such line(s))"
+        return
+    if len(time_s) < FEWEST_ROWS:
+        yield f"{len(time_s)} rows; a test requires at least {FEWEST_ROWS}"
+        return
+    wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        yield (f"{opened.row_name(row + first_row)}: time {float(time_s[row])!r} s is not after "
+            f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase. Fix: for "
+            "samples at a constant rate, use --rate instead of the column")  # fmt: skip
+
+
+def implausible(
+    channels: Mapping[str, FloatArray], source: Mapping[str, str], accept: Sequence[str]
+) -> Iterator[str]:
+    """Sizes that no damper test has, as the import of a file refuses them.
+
+    Args:
+        channels: `time` (s) and quantities in SI, each (n,).
+        source: quantity -> the column that it is.
+        accept: slugs of doubts about sizes that are right all the same.
+    """
+    too_large = list(_too_large(channels, source))
+    yield from too_large or _doubtful(channels, accept)
+
+
+def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
+    """Columns without a single number; the time and the current have their own words."""
+    for quantity, choice in choices.items():
+        if quantity not in {"time", "current", "commanded_current"} and not np.any(np.isfinite(table[quantity])):
+            way_out = "name another column" if quantity in REQUIRED else "name another column, or omit the column"
+            none = f"none of {len(table[quantity])} rows contains a number"
+            yield f"column {choice.text!r}, as {quantity}: {none}; {way_out}"
+
+
+def _too_large(table: Mapping[str, FloatArray], source: Mapping[str, str]) -> Iterator[str]:
+    """Values that no damper test has: a wrong unit or a wrong column."""
+    for quantity, (limit, unit) in LARGEST.items():
+        values = table.get(quantity)
+        if quantity not in source or values is None or not np.any(np.isfinite(values)):
+            continue
+        spans = quantity == "displacement"
+        verb = "spans" if spans else "reaches"
+        size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
+        if size > limit:
+            yield (
+                f"column {source[quantity]!r}, as {quantity}, {verb} {size:.4g} {unit}; expected at most {limit:g} "
+                f"{unit}: check the unit and the column of {quantity}. The numbers are probably in {LIKELY[quantity]}"
+            )
+
+
+def _nominal_A(
+    name: str, known: FloatArray | None, settings: ImportSettings, pattern: Pattern | None
+) -> float:
+    """The test's current: of its column, the name of its file and part, or as given.
+
+    Raises:
+        ValueError: none of them tells it.
+    """
+    if known is not None:
+        if not np.any(np.isfinite(known)):
+            raise ValueError("the current column does not contain any numbers")
+        return float(np.nanmedian(known))
+    if pattern is None and settings.current_A is None:
+        raise ValueError(
+            "unknown coil current. Fix: name a column (--column current=i_A), a value (--current '0.5 A') or the "
+            "pattern of the file name (--current-from-name '_(?P<current>[0-9.]+)A')",
+        )
+    if pattern is None:
+        return float(settings.current_A or 0.0)
+    named = pattern.search(name)
+    if named is None:
+        raise ValueError(f"the file name does not match {pattern.text!r}, so it states no current")
+    try:
+        value = float((named["current"] or "").replace(",", "."))
+    except ValueError as error:
+        raise ValueError(f"the file name states the current {named['current']!r}, which is not a number") from error
+    if not abs(value) <= LARGEST["current"][0]:
+        raise ValueError(f"the file name states {value:g} A; expected at most {LARGEST['current'][0]:g} A")
+    return value
+
+
+def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterator[str]:
+    """Rates, strokes and forces that hardly any damper test has, unless they are accepted."""
+    time_s, x, force = table["time"], table["displacement"], table["force"]
+    rate_Hz = float(1.0 / np.median(np.diff(time_s)))
+    if not SLOWEST_Hz <= rate_Hz <= FASTEST_Hz and RATE not in accept:
+        yield (f"{RATE}: {rate_Hz:.4g} samples per second; damper tests are sampled at {SLOWEST_Hz:g} Hz "
+            f"to {FASTEST_Hz:g} Hz. Fix: check the unit of the time, or use --accept {RATE}")  # fmt: skip
+    if not (np.any(np.isfinite(x)) and np.any(np.isfinite(force))):
+        return
+    frequency_Hz = cycle_rate_Hz(time_s, x)
+    span = float(np.nanmax(x) - np.nanmin(x))
+    size = TestSize(
+        span_m=span, force_N=float(np.nanmax(np.abs(force - np.nanmean(force)))),
+        cycle_s=None if frequency_Hz is None else 1.0 / frequency_Hz,
+        speed_m_s=None if frequency_Hz is None else 2.0 * np.pi * frequency_Hz * span / 2.0,
+    )
+    for doubt in doubts(size):
+        if doubt.slug not in accept:
+            yield (f"{doubt.slug}: {doubt.value:.4g} {doubt.taken_as} is implausible for a damper test; "
+                f"the numbers are probably in {doubt.likely}. Fix: write the unit after the column name "
+                f"and a colon, or use --accept {doubt.slug}")  # fmt: skip
