@@ -82,7 +82,7 @@ class SupplyDialogue:
         self._expected: deque[tuple[ExpectedReply, str, int]] = deque()
         self._request_ns = self._free_ns = 0
         self._known = ""
-        self._asked_again = False
+        self._sent_again = False
         self._strays = 0  # answers to `identify` that are still to come, or may be; 0: every answer has a request
 
     @property
@@ -167,9 +167,9 @@ class SupplyDialogue:
         and then nothing for a whole time-out, the others never will.
         """
         self.late += 1
-        strays, settled = self._strays, self._asked_again
+        strays, settled = self._strays, self._sent_again
         self.forget()
-        self._asked_again = False
+        self._sent_again = False
         if settled:
             return
         if self._known and self._identify:
@@ -179,10 +179,10 @@ class SupplyDialogue:
     def _find_back(self) -> None:
         """It has said who it is: once for every time it was asked, and the next answer has a request again."""
         self._strays -= 1
-        self._asked_again = True
+        self._sent_again = True
         self._request_ns = clock.monotonic_ns()
         if not self._strays:
-            self._asked_again = False
+            self._sent_again = False
             with self._lock:
                 while self._expected and self._expected.popleft()[0] is not ExpectedReply.IDENTITY:
                     pass

@@ -70,10 +70,10 @@ def _place(path: Path, names: list[str], column: str) -> tuple[int, float]:
         for suffix, unit in suffixes.items() if name == f"{column}_{suffix}"
     ]
     if len(columns) != 1:
-        found = "no column" if not columns else f"{len(columns)} columns"
+        count_text = "no column" if not columns else f"{len(columns)} columns"
         known = ", ".join(f"{column}_{suffix}" for suffix in suffixes)
         raise FileProblem(
-            str(path), [f"line 1: {found} for {column} in {', '.join(names)[:80]!r}. Fix: include the unit in the "
+            str(path), [f"line 1: {count_text} for {column} in {', '.join(names)[:80]!r}. Fix: include the unit in the "
                 f"name of the column, such as {COLUMNS[column]} (one of {known})"],
         )
     return columns[0]

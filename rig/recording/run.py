@@ -78,16 +78,16 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
         raise ValueError(f"{name} = {value!r}: expected a number in the unit that the name states") from error
 
 
-def _equal(point: object, name: str, value_wanted: str | float) -> bool:
+def _equal(point: object, name: str, required: str | float) -> bool:
     value = getattr(point, name)
-    if isinstance(value_wanted, str):
-        return str(value) == value_wanted
+    if isinstance(required, str):
+        return str(value) == required
     if not isinstance(value, (int, float)):
         return False
     if name == "current_A" and not getattr(point, "current_requested", True):
-        return names_current(value_wanted, CurrentReading(value))
+        return names_current(required, CurrentReading(value))
     measured = name in MOTION and not getattr(point, "motion_requested", True)
-    return math.isclose(value, value_wanted, rel_tol=NOMINAL_SHARE if measured else EXACT, abs_tol=1e-9)
+    return math.isclose(value, required, rel_tol=NOMINAL_SHARE if measured else EXACT, abs_tol=1e-9)
 
 
 @dataclass(frozen=True)

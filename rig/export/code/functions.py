@@ -123,12 +123,12 @@ class Library:
         NotTranslatable: something in them is not known here.
     """
 
-    def __init__(self, functions_wanted: Sequence[Callable[..., Any]], states: int = 2) -> None:
+    def __init__(self, chosen: Sequence[Callable[..., Any]], states: int = 2) -> None:
         self.states = states
         self.functions: list[Function] = []
         self.arrays: dict[str, FloatArray] = {}
         self._of: dict[Callable[..., Any], Function] = {}
-        for function in functions_wanted:
+        for function in chosen:
             self._add(function)
 
     def function(self, within: Function, name: str) -> Function | None:

@@ -131,7 +131,7 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Remark]:
     Requested alike is not enough: a test whose motion or current was not reached has another force for that reason.
     """
     groups = set_of(measurements)
-    found = _of_currents(measurements, groups.currents)
+    causes = _of_currents(measurements, groups.currents)
     pairs = [
         (first, second)
         for group in groups.identical
@@ -146,7 +146,7 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Remark]:
         peak = max(first.peak_force_N, second.peak_force_N)
         if difference > max(DIFFERENT_OF_PEAK * peak, DIFFERENT_OF_NOISE * noise):
             differing.append(f"{_name(first)} and {_name(second)} by {100.0 * difference / peak:.0f} % of peak")
-    return [*found, say("contradiction", pairs=some(differing))] if differing else found
+    return [*causes, say("contradiction", pairs=some(differing))] if differing else causes
 
 
 def inconsistent_runs(

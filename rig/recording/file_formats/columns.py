@@ -198,8 +198,8 @@ def _found(columns: Sequence[TableColumn], text: str) -> tuple[int, str]:
         ValueError: there is none of that name, or more than one.
     """
     name, colon, unit = text.rpartition(":")
-    for name_wanted, given in ((text, ""), (name, unit)) if colon else ((text, ""),):
-        places = _places(columns, name_wanted)
+    for label, given in ((text, ""), (name, unit)) if colon else ((text, ""),):
+        places = _places(columns, label)
         if len(places) == 1:
             return places[0], given
         if places:
@@ -207,7 +207,7 @@ def _found(columns: Sequence[TableColumn], text: str) -> tuple[int, str]:
             apart = all(full) and len({*full}) == len(full)
             others = ", ".join(full if apart else [f"#{place + 1}" for place in places])
             raise ValueError(
-                f"{len(places)} columns have the name {name_wanted!r}. Fix: select one of them with {others}"
+                f"{len(places)} columns have the name {label!r}. Fix: select one of them with {others}"
             )
     shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
     more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""
