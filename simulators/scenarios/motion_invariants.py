@@ -363,7 +363,7 @@ def a_stopped_rod_only_slows_down(view: View) -> Findings:
     for trip in view.station("trip"):
         latched_ns = float(trip["latched_ns"])
         reaction_ns, ends_ns = 1e9 * _reaction_s(view, motion, latched_ns), _stopped_until(view, latched_ns)
-        before = rows[(rows[:, 0] >= latched_ns - 1e9 * motion.period_s) & (rows[:, 0] < latched_ns + reaction_ns)]
+        before = view.between(latched_ns - 1e9 * motion.period_s, latched_ns + reaction_ns)
         after = rows[(rows[:, 0] >= latched_ns + reaction_ns) & (rows[:, 0] < ends_ns)]
         if not len(before) or not len(after):
             continue
