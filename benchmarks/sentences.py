@@ -101,7 +101,8 @@ def report(page: Path) -> Iterator[str]:
     """Text of a report's page, element by element."""
     body = re.sub(r"<(script|style|svg)\b.*?</\1>", "\n\n", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     for piece in re.split(r"</?(?:p|h\d|li|td|th|tr|div|caption|figcaption|summary|section|dt|dd)\b[^>]*>", body):
-        yield from split(html.unescape(re.sub(r"<[^>]+>", "", piece)))
+        for part in re.split(r"<(?:span|b|strong|small)\b[^>]*class=[^>]*>", piece):  # shown apart, by its style
+            yield from split(html.unescape(re.sub(r"<[^>]+>", " ", part)))
 
 
 def operators_page() -> Iterator[str]:

@@ -144,7 +144,7 @@ def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
         FileProblem: it has none.
     """
     if tests.hybrid is None:
-        text = "has no [hybrid] table with the car and the road of a hybrid test; see docs/files.md"
+        text = "has no [hybrid] table, which defines the car and the road for a hybrid test; see docs/files.md"
         raise FileProblem(str(path), [text])
 
 

@@ -40,7 +40,7 @@ MOST_SHOWN = 200
         "open at one end."
     ),
 )
-@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst point verdict in the run.")
+@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst verdict of any point in the run.")
 @click.option("--model", metavar="NAME", help="Fitted model.")
 @json_option
 def command(

@@ -124,7 +124,7 @@ class LineFormatFile(_Format):
     )
     decimals: int | None = Field(None, ge=0, le=9, description="number of implied decimal places if the number has no "
         "decimal separator")
-    scale: float | None = Field(None, description="value = number * scale + offset (default 1)")
+    scale: float | None = Field(None, description="scale in value = number * scale + offset (default: 1)")
     offset: float | None = Field(None, description="see scale (default 0)")
     units: dict[str, float] | None = Field(
         None, min_length=1, description="units that the line may contain, each with its conversion factor to `unit`"
@@ -172,7 +172,7 @@ class FieldEntry(DescriptionTable):
     )
     signed: bool | None = Field(None, description="two's complement, for fields without a type (bits, packed)")
     scale: float | None = Field(
-        None, description="value = number * scale + offset (default 1); for `time`: microseconds per tick"
+        None, description="scale in value = number * scale + offset (default: 1); for `time`: microseconds per tick"
     )
     offset: float | None = Field(None, description="see scale (default 0)")
     valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(

@@ -108,7 +108,7 @@ def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, dri
         Share("zero", _known(point.quality.rest.force_zero_std_N),
               "noise level and duration of the rest period before the first motion"),
         Share("zero drift", drift_N, "compared with the controller's force input, during the campaign"),
-        Share("noise of one sample", _known(loop.noise_N), "neighbouring samples"),
+        Share("single-sample noise", _known(loop.noise_N), "neighbouring samples"),
         Share("timing, at the reversals", timing_N, "remaining sensor delay times the highest rate of change of force"),
         Share("variation between cycles", _known(loop.scatter_N), "differences between cycles"),
     ))
@@ -120,7 +120,7 @@ def _displacement(point: RecordedPoint, measured: Measurement) -> Channel:
     timing_mm = 1e3 * float(np.max(np.abs(measured.v_m_s))) * clock_std_s
     return Channel("Displacement", "mm", peak_mm, (
         _certificate(peak_mm, point.test.get("displacement_uncertainty_percent")),
-        Share("noise of one sample", 1e3 * noise_of(point.displacement_m), "neighbouring samples"),
+        Share("single-sample noise", 1e3 * noise_of(point.displacement_m), "neighbouring samples"),
         Share("timing, at peak velocity", timing_mm, "clock uncertainty times the measured peak velocity"),
     ))
 
@@ -158,7 +158,7 @@ def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
         peak = float(np.max(np.abs(known)))
         yield Channel(str(attributes.get("sensor") or name), str(attributes.get("units", "")), peak, (
             _certificate(peak, attributes.get("uncertainty_percent")),
-            Share("noise of one sample", noise_of(values), "neighbouring samples"),
+            Share("single-sample noise", noise_of(values), "neighbouring samples"),
         ))
 
 

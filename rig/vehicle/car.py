@@ -32,7 +32,7 @@ class Body(Section):
     mass_kg: Mass = Field(alias="mass")
     pitch_inertia_kg_m2: Inertia | None = Field(
         default=None, alias="pitch_inertia", description=(
-            "pitch inertia about the centre of gravity; only for half and full cars"
+            "pitch inertia about the centre of gravity; half-car and full-car models only"
         )
     )
     roll_inertia_kg_m2: Inertia | None = Field(
@@ -57,7 +57,7 @@ class Axle(Section):
     )
     distance_m: Distance | None = Field(
         default=None, alias="distance", description=(
-            "distance from the axle to the centre of gravity; only for half and full cars"
+            "distance from the axle to the centre of gravity; half-car and full-car models only"
         )
     )
     track_m: Distance | None = Field(default=None, alias="track", description="track width; only for full cars")

@@ -202,11 +202,11 @@ def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[Cr
     change = zero_change(points, deviations(len(points)))
     if change is None:
         few = "the zero was determined at fewer than two points"
-        return [CrossCheck("load cell", "drift and crosstalk of its zero", few)]
+        return [CrossCheck("load cell", "zero drift and crosstalk", few)]
     moved = "zero-change" in doubted
     rows = []
     for what, slug, slope, unit, missing in (
-        ("drift of its zero", "zero-drift", change.drift_N_s, "N/s", "all points were measured at the same time"),
+        ("zero drift", "zero-drift", change.drift_N_s, "N/s", "all points were measured at the same time"),
         ("crosstalk from the coil's current", "crosstalk", change.crosstalk_N_A, "N/A", "all points have the same "
             "current"),
     ):
