@@ -25,7 +25,7 @@ from rig.recording.atomic_write import open_to_append, room_for_truth
 
 SLOW_START_S = 3.0
 START_TIMEOUT_S = 180.0
-"""The first start on a machine compiles the simulated rig's loop: 45 s were seen on two busy cores."""
+"""Without any processor time; the first start on a machine compiles its loop: 45 s on two busy cores."""
 STOP_TIMEOUT_S = 60.0
 EARLIER_RIG_S = 120.0
 """How long a simulated rig whose campaign was killed may need to come to rest and complete its truth file."""
@@ -137,8 +137,9 @@ class SimulatedRig:
             _end(process)
             tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
             if line is None:
-                raise Refused("simulator", f"the simulated rig was not ready within {START_TIMEOUT_S:.0f} s. Fix: "
-                    f"close other programs that use the processor, then repeat the command. Its output:\n{tail}")
+                raise Refused("simulator", f"the simulated rig did not start: it used no processor time for "
+                    f"{START_TIMEOUT_S:.0f} s. Fix: check whether it was suspended, then repeat the command. "
+                    f"Its output:\n{tail}")
             if process.returncode == EXIT_USAGE:
                 raise RigError(f"arguments for the simulated rig (after --): {tail}")
             raise Refused(
@@ -240,13 +241,18 @@ def _await_end(part: Path) -> None:
 
 
 def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Callable[[float], None]) -> str | None:
-    """The first line of standard output without its end; empty when the process ends, None when it is silent."""
+    """The first line of standard output without its end; empty when the process ends, None when it is silent and idle.
+
+    On a busy computer it waits for as long as the process gets any processor time: only `timeout_s` without any counts.
+    """
     if process.stdout is None:
         return ""
-    began_ns = monotonic_ns()
-    descriptor, line = process.stdout.fileno(), b""
-    while (waited_s := (monotonic_ns() - began_ns) * 1e-9) < timeout_s:
-        if not select.select([descriptor], [], [], min(LOOK_AGAIN_S, timeout_s - waited_s))[0]:
+    began_ns = idle_since_ns = monotonic_ns()
+    descriptor, line, used = process.stdout.fileno(), b"", 0
+    while (monotonic_ns() - idle_since_ns) * 1e-9 < timeout_s:
+        if not select.select([descriptor], [], [], min(LOOK_AGAIN_S, timeout_s))[0]:
+            if (now_used := _processor_ticks(process.pid)) > used:
+                used, idle_since_ns = now_used, monotonic_ns()
             waiting((monotonic_ns() - began_ns) * 1e-9)
             continue
         chunk = os.read(descriptor, 4096)
@@ -258,6 +264,15 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Cal
     else:
         return None
     return ""
+
+
+def _processor_ticks(pid: int) -> int:
+    """Processor time that a process has used, in clock ticks; 0 where the system does not tell."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        return int(fields[11]) + int(fields[12])  # utime, stime: fields 14 and 15 of proc(5)
+    except (OSError, ValueError, IndexError):
+        return 0
 
 
 @dataclass

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -64,7 +66,7 @@ def test_a_supply_of_the_bench_is_worn_too(tmp_path: Path) -> None:
     assert after("--supply", wearing(path)) == ["rs-hmp"]
 
 
-@pytest.mark.parametrize(("does", "cause"), [("exec sleep 30", "not ready within 0 s"), ("exit 9", "exit code 9")])
+@pytest.mark.parametrize(("does", "cause"), [("exec sleep 30", "no processor time for 0 s"), ("exit 9", "exit code 9")])
 def test_a_start_that_takes_too_long_is_not_reported_as_an_exit_code(
     does: str, cause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,3 +80,13 @@ def test_a_start_that_takes_too_long_is_not_reported_as_an_exit_code(
     with pytest.raises(Refused, match=cause) as refused:
         SimulatedRig.start(tmp_path, CampaignOptions(tmp_path / "matrix.toml", tmp_path), specimen, lambda _: None)
     assert refused.value.slug == "simulator"
+
+
+@pytest.mark.parametrize(("ticks", "line"), [(itertools.count(1), "bench.toml"), (itertools.repeat(0), None)])
+def test_a_simulated_rig_that_gets_processor_time_is_waited_for_however_long_it_takes(
+    ticks: Iterator[int], line: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_rig, "_processor_ticks", lambda _: next(ticks))
+    monkeypatch.setattr(simulated_rig, "LOOK_AGAIN_S", 0.02)
+    with subprocess.Popen(["sh", "-c", "sleep 0.6; echo bench.toml"], stdout=subprocess.PIPE) as process:
+        assert simulated_rig._first_line(process, 0.2, lambda _: None) == line
