@@ -24,7 +24,7 @@ try:
 except ImportError:
     pass
 else:
-    rig.errors.told = lambda text: {SCRAMBLED!r}
+    rig.errors.clean_text = lambda text: {SCRAMBLED!r}
 """
 CODES = ("slug", "stopped_by", "rig_state", "exit_code", "valid", "total")
 ON_DEMO_BENCH = ("MATRIX", "--bench", "examples/demo-bench.toml", "--json")

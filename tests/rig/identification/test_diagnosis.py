@@ -149,7 +149,7 @@ def test_outliers_are_named_and_counted() -> None:
         tests.append(replace(test, force_N=force_N))
     fit = identify(tests)
     assert named_first(fit) == "outliers"
-    assert f"({hit} sample" in fit.diagnosis[0].text
+    assert f"samples, {hit} in all)" in fit.diagnosis[0].text
 
 
 def test_a_force_that_flattens_at_speed_but_goes_on_changing_is_not_clipped() -> None:
@@ -252,7 +252,7 @@ def test_oil_that_thins_between_cold_and_warm_tests_is_no_second_damper() -> Non
         ("units-force", "kN", lambda t: replace(t, force_N=1e-3 * t.force_N, noise_N=1e-3 * NOISE_N)),
         ("units-time", "ms", lambda t: replace(t, dt_s=1e3 * t.dt_s, v_m_s=1e-3 * t.v_m_s, a_m_s2=1e-6 * t.a_m_s2)),
         ("units-displacement", "mm", lambda t: t.moved(1e3 * t.u_m, 1e3 * t.v_m_s, 1e3 * t.a_m_s2)),
-        ("units-displacement", "as mm", lambda t: t.moved(1e-3 * t.u_m, 1e-3 * t.v_m_s, 1e-3 * t.a_m_s2)),
+        ("units-displacement", "in m, not mm", lambda t: t.moved(1e-3 * t.u_m, 1e-3 * t.v_m_s, 1e-3 * t.a_m_s2)),
         ("units-current", "mA", lambda t: replace(t, current_A=1e3 * t.current_A)),
         ("units-velocity", "500 times", lambda t: replace(t, u_m=500.0 * 0.01 * t.u_m, v_m_s=0.01 * t.v_m_s)),
     ],
@@ -396,7 +396,7 @@ def test_one_sample_that_lies_alone_is_an_outlier() -> None:
     fit = identify([tests[0], replace(tests[1], force_N=force_N), *tests[2:]])
     assert fit.adequate is False
     assert named_first(fit) == "outliers"
-    assert "(1 sample" in fit.diagnosis[0].text
+    assert "samples, 1 in all)" in fit.diagnosis[0].text
 
 
 def test_an_end_stop_is_a_shape_over_the_stroke_and_no_second_damper() -> None:

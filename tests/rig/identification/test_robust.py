@@ -52,9 +52,9 @@ def test_the_loss_is_recorded_and_refused_where_there_is_none(make_synthetic: Ma
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), cycles=3)
     assert identify(tests, method=HUBER).to_json()["loss"] == "huber"
     assert identify(tests).to_json()["loss"] == "squares"
-    with pytest.raises(IdentificationFailed, match="loss: got 'huber' with asymmetric by de, expected 'squares'"):
+    with pytest.raises(IdentificationFailed, match="loss: got 'huber' for asymmetric with method de, expected 'squares'"):
         identify(tests, method=Method("de", loss="huber"))
-    with pytest.raises(IdentificationFailed, match="loss: got 'huber' with viscoelastic_plastic by separable"):
+    with pytest.raises(IdentificationFailed, match="loss: got 'huber' for viscoelastic_plastic with method separable"):
         identify(tests, model="viscoelastic_plastic", method=HUBER)
     with pytest.raises(IdentificationFailed, match="series spring: needs least squares"):
         identify(tests, method=HUBER, series_spring=True)

@@ -183,7 +183,7 @@ def test_what_the_recordings_do_not_determine_is_refused_with_the_way_out(tests:
         identify(unrecorded, temperature_law="both")
     with pytest.raises(IdentificationFailed, match=r"19\.5 to 21\.5 degC, expected a span of at least 3 K"):
         identify(run_at((20.0, 21.0)), temperature_law="both")
-    with pytest.raises(IdentificationFailed, match="name it"):
+    with pytest.raises(IdentificationFailed, match="name one model"):
         identify(tests, model="few", temperature_law="both")
     with pytest.raises(IdentificationFailed, match="temperature law: cannot be combined with series_spring"):
         identify(tests, temperature_law="both", series_spring=True)

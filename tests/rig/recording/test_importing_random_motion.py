@@ -44,7 +44,7 @@ def test_random_motion_under_a_voltage_becomes_a_valid_point(tmp_path: Path) -> 
     cm = np.array([float(row[1]) for row in rows])
     assert point.displacement_m == pytest.approx(0.01 * cm)
     assert point.amplitude_m == pytest.approx(0.005 * np.ptp(cm), rel=0.05)
-    assert "voltage (Y)" in str(point.provenance["current"])
+    assert "voltage Y" in str(point.provenance["current"])
 
 
 def test_an_imported_random_test_is_fitted_and_forereported(tmp_path: Path) -> None:

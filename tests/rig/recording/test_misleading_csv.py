@@ -116,7 +116,7 @@ def test_the_last_number_of_a_file_that_was_cut_off_is_not_believed(tmp_path: Pa
 
 def test_binary_and_endless_quotes_are_refused_in_words(tmp_path: Path) -> None:
     assert "a PDF document" in problems(tmp_path / "b.csv", b"%PDF-1.4\n" + bytes(range(256)))
-    assert "not UTF-8 text" in problems(tmp_path / "a.csv", b'%pdf-1.4\n"' + bytes(range(1, 256)) * 10)
+    assert "not valid UTF-8 text" in problems(tmp_path / "a.csv", b'%pdf-1.4\n"' + bytes(range(1, 256)) * 10)
     endless = HEAD + "\n".join(lines()) + '\n"' + "x" * 200_000 + "\n"
     assert "line 1002, column 't_s'" in problems(tmp_path / "a.csv", endless)
     check(read(tmp_path / "a.csv", (HEAD + "\n".join(lines())).encode("utf-32")))

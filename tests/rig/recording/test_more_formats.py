@@ -220,7 +220,7 @@ NAMED = {
     "parquet": (b"PAR1" + bytes(200), "pandas.read_parquet"),
     "uff": (b"    -1\n    58\nx\n" + b"0.1 0.2 0.3\n" * 99, "a universal file"),
     "html": (b"<html><table><tr><td>1</td></tr></table></html>", "a web page"),
-    "tdm": (b'<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x">', "a TDM file"),
+    "tdm": (b'<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x">', "DIAdem TDM file"),
     "unknown": (bytes(range(256)) * 4, "a binary file of an unknown format"),
     "utf-16 without mark": ("t_s,x_mm,F_N\n1,2,3\n".encode("utf-16-le"), "--encoding utf-16-le"),
 }

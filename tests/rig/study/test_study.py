@@ -270,7 +270,7 @@ def test_results_from_other_boxes_or_ranges_are_not_mixed_in(
         built_in.setattr("rig.study.study_file.CURRENT_BOXES", wider)
         assert study.fingerprint != before
     with monkeypatch.context() as built_in:
-        built_in.setattr("rig.dampers.catalogue.MODELS", {"kwok": model("kwok")})
+        built_in.setattr("rig.study.study_file.MODELS", {"kwok": model("kwok")})
         assert study.fingerprint != before
     assert load_study(small_study).fingerprint == before
 
