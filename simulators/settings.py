@@ -85,7 +85,7 @@ def _input(table: str, quantity: str, unit: str, largest: float) -> tuple[Settin
         Setting(f"{name}-delay", f"{table}.delay_s", "ms", 0.0, 100.0,
                 f"Undeclared additional delay of the {whose}."),
         Setting(f"{name}-bandwidth", f"{table}.bandwidth_Hz", "Hz", 1.0, 2000.0,
-                f"Low-pass bandwidth of the {whose} (delay: see bench file)."),
+                f"Low-pass bandwidth of the {whose} (delay: bench file)."),
         Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {whose}; 1 is correct."),
         Setting(f"{name}-zero", f"{table}.zero", unit, -largest, largest, f"Zero offset of the {whose}."),
         Setting(f"{name}-noise", f"{table}.noise", unit, 0.0, largest, f"Noise of the {whose} (rms)."),

@@ -141,7 +141,7 @@ class _Walk:
             where, info = f"{place}/{_printable(name)}", group.links.get_info(key)
             if info.type != h5py.h5l.TYPE_HARD:
                 kind = type(h5py.Group(group).get(name, getlink=True)).__name__
-                self.problems.append(f"{where}: links of type {kind} are not allowed; a recording must contain its data")
+                self.problems.append(f"{where}: links of type {kind} are not allowed; a file must contain its data")
                 continue
             if info.u in self._walked:
                 continue  # stamps that channels share are one dataset with many names
