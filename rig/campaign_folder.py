@@ -6,11 +6,27 @@ Names inside `points/` are those of `rig.recording.point_files`, names in the li
 
 from __future__ import annotations
 
+import os
+import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import overload
 
+from protocols.near_miss import near_names
 from rig.errors import FileProblem
+
+LOGS = Path("logs")
+"""Folder in which runs are created by default, and in which short names of runs are searched."""
+LAST = re.compile(r"last(?:-([1-9]\d{0,5}))?|-([1-9]\d{0,5})", re.IGNORECASE)
+STARTED = re.compile(r"\d{8}T\d{6}Z")
+"""At the beginning of a run's name (UTC)."""
+MOST_LISTED = 10
+"""Matching runs that a message lists."""
+MOST_COMPARED = 500
+"""Newest runs among which similar names are searched: 0.1 s."""
+SIMILAR = 3
+"""Similar names that a message suggests."""
 
 
 class _Inside:
@@ -65,11 +81,13 @@ class CampaignFolder:
 
     @classmethod
     def found(cls, path: Path) -> CampaignFolder:
-        """The folder at a path, or the only campaign that lies directly in it.
+        """The folder at a path or with a short name (`run_path`), or the only campaign that lies directly in it.
 
         Raises:
-            FileProblem: several campaigns lie in the folder; the message names them.
+            FileProblem: several campaigns lie in the folder, or the name matches no or several runs; the message names
+                them.
         """
+        path = run_path(path)
         here = cls(path)
         if not path.is_dir() or here.points.is_dir():
             return here
@@ -104,3 +122,87 @@ class CampaignFolder:
     def earlier_fit(self, written: str) -> Path:
         """Where a fit is kept once another one takes its place; `written` says when it was."""
         return self.fit.with_stem(f"{self.fit.stem}-{written}")
+
+
+def run_path(given: Path | str) -> Path:
+    """The path of a run, or of a file in a run, that a user specified.
+
+    A path that exists is returned unchanged. Otherwise its last component is a short name of a run in its folder
+    (without a folder: in `LOGS`): `last` or `-1` for the newest run, `last-2` or `-2` for the one before, or a part of
+    the name, in upper or lower case. `last/fit.json` is a file in a run. A path in a folder without runs is returned
+    unchanged.
+
+    Raises:
+        FileProblem: no run or several runs match; the message lists the similar or matching names.
+    """
+    path = Path(given)
+    if os.path.lexists(path) or not path.name:
+        return path
+    folder = LOGS
+    if path.parent != Path():
+        folder = run_path(path.parent)
+        if CampaignFolder(folder).points.is_dir():
+            return folder / path.name
+    names = by_age(folder)
+    if count := LAST.fullmatch(path.name):
+        return folder / _counted(int(count[1] or count[2] or 1), path.name, names, folder)
+    if not names:
+        return path
+    part = path.name.casefold()
+    matches = [name for name in names if part in name.casefold()]
+    if len(matches) > 1:
+        raise FileProblem(str(folder), [_ambiguous(path.name, matches)])
+    if not matches:
+        raise FileProblem(str(folder), [_unknown(path.name, names)])
+    return folder / matches[0]
+
+
+def by_age(folder: Path) -> list[str]:
+    """Names of the runs in a folder, the oldest first: by the time in a run's name, else by its last change."""
+    try:
+        runs = [entry for entry in os.scandir(folder) if os.path.isdir(os.path.join(entry, CampaignFolder.points))]
+        aged = [(_started(entry), entry.name) for entry in runs]
+    except OSError:
+        return []
+    return [name for _, name in sorted(aged)]
+
+
+def _started(entry: os.DirEntry[str]) -> str:
+    stamp = STARTED.match(entry.name)
+    return stamp[0] if stamp else f"{datetime.fromtimestamp(entry.stat().st_mtime, UTC):%Y%m%dT%H%M%SZ}"
+
+
+def _counted(back: int, given: str, names: list[str], folder: Path) -> str:
+    """The run at this place from the newest (1).
+
+    Raises:
+        FileProblem: there are not so many runs.
+    """
+    if back > len(names):
+        number = f"only {len(names)} run{'s' * (len(names) > 1)}" if names else "no runs"
+        raise FileProblem(str(folder), [f"{given}: this folder contains {number}. Fix: specify the path of a run"])
+    return names[-back]
+
+
+def _ambiguous(given: str, matches: list[str]) -> str:
+    listed = "".join(f"\n  {name}" for name in reversed(matches[-MOST_LISTED:]))
+    more = f"\n  and {len(matches) - MOST_LISTED} older runs" if len(matches) > MOST_LISTED else ""
+    return f"{given!r} matches {len(matches)} runs:{listed}{more}\nFix: specify a longer part of the name"
+
+
+def _unknown(given: str, names: list[str]) -> str:
+    newest = names[-MOST_COMPARED:]
+    whole_names = {piece.casefold(): name for name in newest for piece in _pieces(name)}
+    similar = near_names(given.casefold(), whole_names, SIMILAR)
+    found = dict.fromkeys(whole_names[piece] for piece in similar)
+    listed = "".join(f"\n  {name}" for name in found or reversed(newest[-SIMILAR:]))
+    return (
+        f"{given!r} is neither a path nor part of a run's name. {'Similar' if found else 'Newest'} runs:{listed}"
+        "\nFix: specify part of a name; `rig runs` lists all runs"
+    )
+
+
+def _pieces(name: str) -> list[str]:
+    """Every sequence of complete words of a run's name."""
+    words = name.split("-")[:8]
+    return [name, *("-".join(words[i:j]) for i in range(len(words)) for j in range(i + 1, len(words) + 1))]

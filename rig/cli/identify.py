@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.cli.options import Command, MethodName, QuantityOption, RunPath, json_option, scheduler_option
+from rig.cli.options import Command, MethodName, QuantityOption, RunOrFilter, RunPath, json_option, scheduler_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
 from rig.identification.cluster import cluster
@@ -69,7 +69,7 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
     help=f"Fitting method: {', '.join(METHODS)}, or the name of a plug-in.",
 )  # fmt: skip
 @click.option(
-    "--holdout",
+    "--holdout", type=RunOrFilter(),
     help="Tests excluded from the fit and used for validation: a run, or a filter (waveform=triangle).",
 )
 @click.option(

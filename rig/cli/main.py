@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import os
 import sys
 import tempfile
@@ -18,7 +19,7 @@ import click
 
 from rig import __version__
 from rig.cli.options import write_examples
-from rig.cli.output import say, take_every_character, write_json
+from rig.cli.output import say, say_error, take_every_character, write_json
 from rig.errors import (
     EXIT_DEFECT,
     EXIT_DONE,
@@ -219,10 +220,12 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
     try:
         return int(command.main(args=list(arguments), prog_name=name, standalone_mode=False) or EXIT_DONE)
     except click.ClickException as error:
-        error.show(sys.stderr)
-        return _ended("", {"error": error.format_message(), "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
+        shown = io.StringIO()
+        error.show(shown)
+        answer: dict[str, object] = {"error": error.format_message(), "slug": RigError.slug}
+        return _ended(shown.getvalue().rstrip(), answer, EXIT_USAGE, as_json=as_json)
     except FileProblem as error:
-        answer: dict[str, object] = {"error": str(error), "slug": error.slug}
+        answer = {"error": str(error), "slug": error.slug}
         answer |= {"file": error.file, "problems": error.problems}
         return _ended(str(error), answer, error.exit_code, as_json=as_json)
     except RigError as error:
@@ -262,9 +265,8 @@ def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) ->
 
     A terminal that was closed takes nothing from it.
     """
-    if text:
-        with contextlib.suppress(OSError):
-            say(text, err=True)
+    with contextlib.suppress(OSError):
+        say_error(text)
     if as_json:
         with contextlib.suppress(OSError):
             write_json({**answer, "exit_code": code})

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
+from rig.campaign_folder import LOGS, by_age, run_path
+from rig.cli.output import say
+from rig.errors import FileProblem
 from rig.files.quantity import Quantity
 from rig.matrix.methods import METHODS, check_method, method_names
-
-if TYPE_CHECKING:
-    pass
 
 WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
 """Of a command; an option and its value are one."""
 ON = " \\"
-LOGS = Path("logs")
-"""Where runs are made unless `--out` says otherwise."""
-LAST = re.compile(r"last(?:-([1-9]\d{0,5}))?")
 FROM_END = re.compile(r"-[1-9]\d{0,5}")
 
 
@@ -55,29 +52,47 @@ class MethodName(click.ParamType[str]):
 
 
 class RunPath(click.ParamType[Path]):
-    """A run: its directory, or a short form for one in `logs/`: `last`, `-1` (the same), `-2`, part of its name."""
+    """A run: its directory, or a short name of one in `logs/`: `last`, `-1` (the same), `-2`, part of its name."""
 
     name = "run"
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path as given where it exists or names a folder, else the run in `logs/` that is meant."""
-        path, text = Path(value), str(value)
-        if path.exists() or path.is_symlink() or os.sep in text:
-            return path
-        from rig.recording.run_index import by_age  # here: `rig --help` has no use for it
+        """The path of the run; the run that a short name means is shown. No run or several runs are a usage error."""
+        try:
+            path = run_path(value)
+        except FileProblem as problem:
+            self.fail(str(problem), param, ctx)
+        if path != Path(value) and not (ctx is not None and ctx.resilient_parsing):
+            say(f"run: {path}", err=True)
+        return path
 
-        names = by_age(LOGS)
-        if count := LAST.fullmatch(text):
-            back = int(count[1] or 1)
-            if back > len(names):
-                self.fail(f"{text}: not found; {LOGS}/ contains {len(names)} run(s); `rig runs` lists them", param, ctx)
-            return LOGS / names[-back]
-        matches = [name for name in names if text in name]
-        if len(matches) > 1:
-            listed = ", ".join(matches[-5:])
-            self.fail(f"{text!r} matches {len(matches)} runs in {LOGS}/: {listed}. Fix: specify a longer "
-                "part of the name", param, ctx)
-        return LOGS / matches[0] if matches else path
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Names of runs in `logs/` that begin with what was typed, or the only one that contains it; else files."""
+        del ctx, param
+        names, begun = by_age(LOGS)[::-1], incomplete.casefold()
+        offered = [name for name in ("last", *names) if name.casefold().startswith(begun)]
+        if not offered:
+            containing = [name for name in names if begun in name.casefold()]
+            offered = containing if len(containing) == 1 else []
+        return [CompletionItem(name) for name in offered] or [CompletionItem(incomplete, type="file")]
+
+
+class RunOrFilter(RunPath):
+    """A run as `RunPath`, or a filter on tests (`current_A=1`, `last 30 %`)."""
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str:  # type: ignore[override] - both are texts to `identify`
+        """A filter unchanged; the path of the run otherwise."""
+        text = str(value)
+        return text if "=" in text or "%" in text else str(super().convert(text, param, ctx))
+
+
+class FitName(RunPath):
+    """A run with a fit as `RunPath`, a fit.json or a named parameter set: text that `fitted_damper` finds."""
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str:  # type: ignore[override] - as in `RunOrFilter`
+        """The text unchanged."""
+        del param, ctx
+        return str(value)
 
 
 class Command(click.Command):

@@ -12,7 +12,7 @@ import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.document.terminal import lines
+from rig.document.terminal import lines, wrapped
 from rig.errors import RigError
 from rig.extras import how_to_install
 from rig.recording.atomic_write import write_durably
@@ -94,6 +94,15 @@ def say(text: object, *, err: bool = False) -> None:
     stream = sys.stderr if err else sys.stdout
     stream.write(f"{text}\n")
     stream.flush()
+
+
+def say_error(text: str) -> None:
+    """Write a message on standard error; on a terminal it is wrapped between words."""
+    if sys.stderr.isatty():
+        columns = shutil.get_terminal_size().columns
+        parts = ((line for line, _ in wrapped(part, columns)) if part else ("",) for part in text.split("\n"))
+        text = "\n".join(line for part in parts for line in part)
+    say(text, err=True)
 
 
 def write_pdf(document: Document, page: Path) -> Path:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.options import Command, QuantityOption, json_option
+from rig.cli.options import Command, FitName, QuantityOption, json_option
 from rig.cli.output import console, say, show, write_json
 from rig.errors import EXIT_DONE
 from rig.recording.atomic_write import write_text_durably
@@ -27,7 +27,7 @@ LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
         "rig ride logs/20260102T030405Z-MR-001-ab12cd --car my-car.toml --road iso8608-c --law passive --law skyhook",
     ),
 )
-@click.argument("fits", nargs=-1, required=True)
+@click.argument("fits", nargs=-1, required=True, type=FitName())
 @click.option("--car", default="compact-suv", show_default=True,
               help="Car file, or the name of a built-in car.")  # fmt: skip
 @click.option("--road", default="paper-sweep", show_default=True,

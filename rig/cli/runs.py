@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from rig.campaign_folder import CampaignFolder
-from rig.cli.options import LOGS, Command, json_option
+from rig.campaign_folder import LOGS, CampaignFolder
+from rig.cli.options import Command, json_option
 from rig.cli.output import console, show, write_json
 from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem

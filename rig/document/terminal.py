@@ -36,10 +36,14 @@ def lines(blocks: Iterable[b.Block], width: int) -> Iterator[Line]:
 
 
 def wrapped(text: Words, width: int, style: str = "") -> Iterator[Line]:
-    """A text in lines of at most `width`; the second and later ones are indented."""
+    """A text in lines of at most `width`, where its words allow; the second and later ones are indented."""
     indent = "  " if width > NARROWEST else ""
+    # A path that was broken could not be copied.
+    wrapper = textwrap.TextWrapper(
+        max(NARROWEST, width), subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
+    )
     for part in plain(text).split("\n"):
-        for line in textwrap.wrap(part, max(NARROWEST, width), subsequent_indent=indent, break_on_hyphens=False):
+        for line in wrapper.wrap(part):
             yield line, style
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocols.near_miss import near_names
-from rig.campaign_folder import CampaignFolder
+from rig.campaign_folder import CampaignFolder, run_path
 from rig.errors import DataWarning, FileProblem
 from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
@@ -108,12 +108,14 @@ class Run:
     def open(cls, path: Path | str) -> Run:
         """Open a campaign's directory (or the folder it alone lies in), or a single point's file as a run of one.
 
+        A path that does not exist can be a short name of a run in `logs/`: `last`, `-1`, part of the name.
+
         Damaged files of points are left out with a `DataWarning` and named in `unreadable`.
 
         Raises:
             FileProblem: the path is no run, or none of its points can be read; every damaged file is listed.
         """
-        place = Path(path)
+        place = run_path(path)
         if place.is_file():
             return cls(place.parent, (RecordedPoint.open(place),), read_campaign(place.parent.parent))
         campaign = CampaignFolder.found(place)

@@ -15,7 +15,6 @@ import re
 import sqlite3
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
-from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -30,8 +29,6 @@ FORMAT = f"3, {rig.__version__}"
 """Of the summaries; another one's are not used."""
 SETTLED_NS = 2_000_000_000
 """A file changed so lately may be changed again within the resolution of its time stamp: its summary is not kept."""
-BEGUN = re.compile(r"\d{8}T\d{6}Z")
-"""At the beginning of a run's name (UTC)."""
 DATE = re.compile(r"\d{4}(-\d{2}(-\d{2})?)?")
 VERDICTS = ("valid", "suspect", "invalid")
 
@@ -141,21 +138,6 @@ def listed(
     if changed or gone:
         _keep(folder / NAME, changed, gone)
     return runs[::-1]
-
-
-def by_age(folder: Path) -> list[str]:
-    """Names of the runs in a folder, the oldest first: by the time in a run's name, else by its last change."""
-    try:
-        runs = [entry for entry in os.scandir(folder) if os.path.isdir(os.path.join(entry, CampaignFolder.points))]
-        aged = [(_begun(entry), entry.name) for entry in runs]
-    except OSError:
-        return []
-    return [name for _, name in sorted(aged)]
-
-
-def _begun(entry: os.DirEntry[str]) -> str:
-    stamp = BEGUN.match(entry.name)
-    return stamp[0] if stamp else f"{datetime.fromtimestamp(entry.stat().st_mtime, UTC):%Y%m%dT%H%M%SZ}"
 
 
 def _row(own: str, points: str, summary: Summary) -> Kept:

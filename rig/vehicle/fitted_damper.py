@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rig import dampers
+from rig.campaign_folder import run_path
 from rig.dampers.covered import Covered
 from rig.errors import FileProblem
 from rig.fits.fit_record import FitRecord
@@ -47,20 +48,19 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
     Raises:
         FileProblem: neither a set nor a fit, or a fit without a value for every parameter.
     """
-    path = Path(given)
     if given in dampers.PARAMETER_SETS:
         values = dampers.parameter_set(given)
         damper = CornerDamper(dampers.model(values.model, values.hysteresis), dict(values.values))
-        beside = f"; for the file or folder with this name, write ./{given}" if path.exists() else ""
+        beside = f"; for the file or folder with this name, write ./{given}" if Path(given).exists() else ""
         return FittedDamper(given, damper, remark=f"parameter set, so there is no interval{beside}")
+    known = f"known parameter sets: {', '.join(dampers.PARAMETER_SETS)}"
+    try:
+        path = run_path(given)
+    except FileProblem as problem:
+        raise FileProblem(problem.file, [*problem.problems, known]) from problem
     if not path.exists():
-        raise FileProblem(
-            given, [(
-                "no fit.json, run or parameter set with this name; known parameter sets: "
-                f"{', '.join(dampers.PARAMETER_SETS)}"
-            )]
-        )
-    return _of_file(given, path, members, seed)
+        raise FileProblem(given, [f"no fit.json, run or parameter set with this name; {known}"])
+    return _of_file(given if path == Path(given) else str(path), path, members, seed)
 
 
 def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:

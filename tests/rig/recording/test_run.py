@@ -71,7 +71,7 @@ def test_a_point_opens_by_a_path_in_words_too(run: Run) -> None:
 
 
 def test_paths_that_are_no_run_are_distinguished(run: Run, tmp_path: Path) -> None:
-    with pytest.raises(FileProblem, match="nowhere: no such folder"):
+    with pytest.raises(FileProblem, match="'nowhere' is neither a path nor part of a run's name"):
         Run.open(tmp_path / "nowhere")
     assert Run.open(run.path.parent).path == run.path
     (tmp_path / "empty").mkdir()
