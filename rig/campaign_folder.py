@@ -194,10 +194,10 @@ def _unknown(given: str, names: list[str]) -> str:
     newest = names[-MOST_COMPARED:]
     whole_names = {piece.casefold(): name for name in newest for piece in _pieces(name)}
     similar = near_names(given.casefold(), whole_names, SIMILAR)
-    found = dict.fromkeys(whole_names[piece] for piece in similar)
-    listed = "".join(f"\n  {name}" for name in found or reversed(newest[-SIMILAR:]))
+    candidates = list(dict.fromkeys(whole_names[piece] for piece in similar)) or newest[: -SIMILAR - 1 : -1]
+    listed = "".join(f"\n  {name}" for name in candidates)
     return (
-        f"{given!r} is neither a path nor part of a run's name. {'Similar' if found else 'Newest'} runs:{listed}"
+        f"{given!r} is neither a path nor part of a run's name. {'Similar' if similar else 'Newest'} runs:{listed}"
         "\nFix: specify part of a name; `rig runs` lists all runs"
     )
 

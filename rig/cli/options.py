@@ -51,12 +51,12 @@ class MethodName(click.ParamType[str]):
         return value
 
 
-class RunPath(click.ParamType[Path]):
+class RunPath(click.ParamType[str | Path]):
     """A run: its directory, or a short name of one in `logs/`: `last`, `-1` (the same), `-2`, part of its name."""
 
     name = "run"
 
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str | Path:
         """The path of the run; the run that a short name means is shown. No run or several runs are a usage error."""
         try:
             path = run_path(value)
@@ -80,7 +80,7 @@ class RunPath(click.ParamType[Path]):
 class RunOrFilter(RunPath):
     """A run as `RunPath`, or a filter on tests (`current_A=1`, `last 30 %`)."""
 
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str:  # type: ignore[override] - both are texts to `identify`
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """A filter unchanged; the path of the run otherwise."""
         text = str(value)
         return text if "=" in text or "%" in text else str(super().convert(text, param, ctx))
@@ -89,7 +89,7 @@ class RunOrFilter(RunPath):
 class FitName(RunPath):
     """A run with a fit as `RunPath`, a fit.json or a named parameter set: text that `fitted_damper` finds."""
 
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str:  # type: ignore[override] - as in `RunOrFilter`
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The text unchanged."""
         del param, ctx
         return str(value)
