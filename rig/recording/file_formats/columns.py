@@ -141,6 +141,8 @@ def _chosen(
     """
     place, given = _found(columns, text)
     column = columns[place]
+    named_alike = [one for one in columns if one.name == column.name]
+    name = column.full if len(named_alike) > 1 and column.full else column.name
     scaling = scaling_of(quantity, scales[quantity]) if quantity in scales else None
     if scaling is None and column.unapplied:
         raise ValueError(
@@ -150,9 +152,9 @@ def _chosen(
     if quantity == "time" and not given and stamps(place):
         if scaling is not None:
             raise ValueError("a factor cannot be applied to time stamps. Fix: remove --scale time")
-        return ColumnChoice(text, column.name, place, None, "", "")
+        return ColumnChoice(text, name, place, None, "", "")
     try:
-        return ColumnChoice(text, column.name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
+        return ColumnChoice(text, name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
     except ValueError as error:
         if quantity != "time":
             raise

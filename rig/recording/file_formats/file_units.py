@@ -13,9 +13,11 @@ DIMENSION = {"time": "time", "displacement": "length", "force": "force", "curren
              "commanded_current": "current", "voltage": "voltage", "temperature": "temperature"}  # fmt: skip
 """Quantity of a damper test -> what it measures."""
 FAHRENHEIT = Unit("temperature", 5.0 / 9.0, -160.0 / 9.0)
+DAY = Unit("time", 86400.0)
+"""In which spreadsheets count, where a cell with a time has no format of a time."""
 WORDS = {
     "sec": "s", "sec.": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
-    "milliseconds": "ms", "usec": "us", "microseconds": "us", "minutes": "min", "hours": "h",
+    "milliseconds": "ms", "usec": "us", "microseconds": "us", "minutes": "min", "hours": "h", "day": "d", "days": "d",
     "metre": "m", "meter": "m", "metres": "m", "meters": "m", "millimetre": "mm", "millimeter": "mm",
     "millimetres": "mm", "millimeters": "mm", "centimeters": "cm", "centimetres": "cm", "micron": "um", "microns": "um",
     "micrometer": "um", "micrometre": "um", "micrometers": "um", "micrometres": "um",
@@ -41,7 +43,8 @@ def units_for(dimension: str) -> dict[str, Unit]:
     """Units of a dimension that a column of a file may have, SI first."""
     own = {name: unit for name, unit in UNITS.items() if unit.dimension == dimension}
     others = {name: unit for name, unit in wire_units.UNITS.items() if unit.dimension == dimension}
-    return {**own, **others, **({"degF": FAHRENHEIT} if dimension == "temperature" else {})}
+    only_here = {"temperature": {"degF": FAHRENHEIT}, "time": {"d": DAY}}
+    return {**own, **others, **only_here.get(dimension, {})}
 
 
 def named_unit(text: str, dimension: str) -> tuple[str, Unit] | None:

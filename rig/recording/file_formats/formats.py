@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rig.errors import FileProblem
 from rig.recording.file_formats.csv_file import CsvFile
-from rig.recording.file_formats.excel_file import WORKBOOK, open_workbook
 from rig.recording.file_formats.hdf5_file import Hdf5File, is_hdf5
 from rig.recording.file_formats.lvm_file import SIGNATURE as LVM
 from rig.recording.file_formats.lvm_file import LvmFile
@@ -18,6 +17,7 @@ from rig.recording.file_formats.rpc3_file import Rpc3File, is_rpc3
 from rig.recording.file_formats.signatures import encoding_without_mark, what_it_is
 from rig.recording.file_formats.table_file import Dialect, TableFile, read_bytes, stream, unreadable
 from rig.recording.file_formats.tdms_file import TdmsFile
+from rig.recording.file_formats.workbook_file import is_workbook, open_workbook
 
 
 def open_file(file: Path, stated: Dialect) -> tuple[list[tuple[str, TableFile]], str]:
@@ -38,6 +38,8 @@ def open_file(file: Path, stated: Dialect) -> tuple[list[tuple[str, TableFile]],
 
 
 def _opened(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, TableFile]]:
+    if is_workbook(data, ()):
+        return list(open_workbook(file, data, stated))
     if data[:4] == b"PK\x03\x04":
         return _from_archive(file, data, stated)
     opened = _binary(file, data)
@@ -79,8 +81,8 @@ def _from_archive(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, T
         with zipfile.ZipFile(stream(data)) as packed:
             names = packed.namelist()
     except Exception as error:
-        raise FileProblem(str(file), unreadable("Excel workbook or ZIP archive", error)) from error
-    if WORKBOOK in names:
+        raise FileProblem(str(file), unreadable("workbook or ZIP archive", error)) from error
+    if is_workbook(data, names):
         return list(open_workbook(file, data, stated))
     name, way_out = what_it_is(data, tuple(names)) or ("an empty ZIP archive", "specify another file")
     raise FileProblem(str(file), [f"this file is {name}, which cannot be imported. Fix: {way_out}"])

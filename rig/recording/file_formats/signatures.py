@@ -7,8 +7,6 @@ from collections.abc import Iterator
 
 CSV = "save the file as CSV with the program that wrote it"
 BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel workbook (.xls) or another Office file",
-     "save the workbook as .xlsx or CSV"),
     (b"PAR1", "a Parquet file", "pandas.read_parquet(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
     (b"ARROW1", "a Feather (Arrow) file", "pandas.read_feather(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
     (b"\x93NUMPY", "a NumPy array (.npy)", "numpy.savetxt('a.csv', numpy.load(FILE), delimiter=',')"),
@@ -30,9 +28,7 @@ BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
     (b"{\\rtf", "an RTF document", "save the numbers as a text file"),
 )
 IN_ARCHIVES = (
-    ("xl/workbook.bin", "a binary Excel workbook (.xlsb)", "save the workbook as .xlsx or CSV"),
     ("word/", "a Word document", "save the numbers as a text file"),
-    ("content.xml", "an OpenDocument spreadsheet", "save the workbook as .xlsx or CSV"),
     (".npy", "NumPy arrays (.npz)", "numpy.savetxt('a.csv', columns, delimiter=',')"),
 )
 TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (

@@ -91,13 +91,44 @@ def test_numbers_stored_as_text_with_a_comma_are_never_thousands(tmp_path: Path)
 def test_workbooks_that_unpack_beyond_measure_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = workbook(tmp_path / "a.xlsx", {"Run": TABLE})
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as packed:
-        packed.writestr("xl/sharedStrings.xml", bytes(65 << 20))
+        packed.writestr("xl/media/image.png", bytes(65 << 20))
     with pytest.raises(FileProblem, match="unpacks to 68157440 bytes"):
         read(path, COLUMNS)
-    wide = workbook(tmp_path / "b.xlsx", {"Run": [*TABLE, [*[None] * 16_000, 1.0]] * 2})
-    monkeypatch.setattr("rig.recording.file_formats.table_file.MOST_NUMBERS", 20_000)
-    with pytest.raises(FileProblem, match="declares"):
-        read(wide, COLUMNS)
+    far = workbook(tmp_path / "b.xlsx", {"Run": TABLE[:60]})
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.load_workbook(far)
+    book["Run"]["XFD1048576"] = 1.0  # calamine would allocate 512 GiB, and end the process
+    book.save(far)
+    with pytest.raises(FileProblem, match="more than 4 GiB of memory"):
+        read(far, COLUMNS)
+    monkeypatch.setattr("rig.recording.file_formats.table_file.MOST_NUMBERS", 4000)
+    with pytest.raises(FileProblem, match="contains 1503 cells or more; at most 1000 are allowed"):
+        read(workbook(tmp_path / "c.xlsx", {"Run": TABLE}), COLUMNS)
+
+
+def test_columns_below_a_merged_cell_are_found_by_it_and_hidden_sheets_only_by_name(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    heading: list[list[object]] = [["Two dampers"], ["Time", "Damper 1", None, "Damper 2", None],
+                                   [None, "Stroke", "Force", "Stroke", "Force"], ["s", "mm", "kN", "mm", "kN"]]
+    numbers = [[float(t), 0.0, 1.0, float(x), float(f) / 1e3] for t, x, f in zip(T, X_MM, F_N, strict=True)]
+    path = workbook(tmp_path / "a.xlsx", {"old": TABLE, "new": [*heading, *numbers]})
+    book = openpyxl.load_workbook(path)
+    book["old"].sheet_state = "hidden"
+    for area in ("A2:A3", "B2:C2", "D2:E2"):
+        book["new"].merge_cells(area)
+    book.save(path)
+    (test,) = read(path, {"time": "Time", "displacement": "Damper 2/Stroke", "force": "Damper 2/Force"})
+    check(test)
+    assert "force Damper 2/Force (kN, the file says)" in test.read_as
+    with pytest.raises(FileProblem, match="select one of them with Damper 1/Force, Damper 2/Force"):
+        read(path, {"time": "Time", "displacement": "#4", "force": "Force"})
+    assert "hidden sheet 'old'" in read(path, COLUMNS, sheet="old")[0].read_as
+
+
+def test_formulas_are_not_evaluated(tmp_path: Path) -> None:
+    rows = [TABLE[0], *([t, x, f"=B{k}*45"] for k, (t, x, _) in enumerate(TABLE[1:], 2))]
+    with pytest.raises(FileProblem, match=r"500 formula\(s\) in the workbook have no stored value"):
+        read(workbook(tmp_path / "a.xlsx", {"Run": rows}), COLUMNS)
 
 
 def hdf5(path: Path) -> None:
@@ -214,8 +245,9 @@ def archive(names: str) -> bytes:
 
 
 NAMED = {
-    "xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "save the workbook as .xlsx or CSV"),
-    "ods": (archive("content.xml"), "an OpenDocument spreadsheet"),
+    "doc": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "cannot be read as Excel workbook (.xls)"),
+    "odt": (archive("content.xml"), "cannot be read as OpenDocument spreadsheet"),
+    "locked": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + "EncryptedPackage".encode("utf-16-le"), "by a password"),
     "zip": (archive("a.csv"), "a ZIP archive"),
     "parquet": (b"PAR1" + bytes(200), "pandas.read_parquet"),
     "uff": (b"    -1\n    58\nx\n" + b"0.1 0.2 0.3\n" * 99, "a universal file"),
