@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 INCH_M = 0.0254
+FOOT_M = 12.0 * INCH_M
+POUND_KG = 0.45359237
 POUND_FORCE_N = 4.4482216152605
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -23,11 +25,12 @@ class Unit(NamedTuple):
 
 UNITS: Mapping[str, Unit] = {
     "m": Unit("length", 1.0), "mm": Unit("length", 1e-3), "cm": Unit("length", 1e-2), "um": Unit("length", 1e-6),
-    "in": Unit("length", INCH_M), "mil": Unit("length", 1e-3 * INCH_M),
+    "in": Unit("length", INCH_M), "mil": Unit("length", 1e-3 * INCH_M), "ft": Unit("length", FOOT_M),
     "m/s": Unit("speed", 1.0), "mm/s": Unit("speed", 1e-3), "cm/s": Unit("speed", 1e-2), "um/s": Unit("speed", 1e-6),
     "mm/min": Unit("speed", 1e-3 / 60.0), "m/min": Unit("speed", 1.0 / 60.0), "in/s": Unit("speed", INCH_M),
-    "in/min": Unit("speed", INCH_M / 60.0),
+    "in/min": Unit("speed", INCH_M / 60.0), "ft/s": Unit("speed", FOOT_M), "ft/min": Unit("speed", FOOT_M / 60.0),
     "m/s^2": Unit("acceleration", 1.0), "mm/s^2": Unit("acceleration", 1e-3), "in/s^2": Unit("acceleration", INCH_M),
+    "ft/s^2": Unit("acceleration", FOOT_M),
     "g": Unit("acceleration", STANDARD_GRAVITY_M_S2),
     "N": Unit("force", 1.0), "kN": Unit("force", 1e3), "mN": Unit("force", 1e-3), "daN": Unit("force", 10.0),
     "MN": Unit("force", 1e6),
@@ -53,7 +56,8 @@ UNITS: Mapping[str, Unit] = {
 
 ALIASES: Mapping[str, str] = {
     "µm": "um", "μm": "um", "µs": "us", "μs": "us", "m/s2": "m/s^2", "m/s²": "m/s^2", "mm/s2": "mm/s^2",
-    "mm/s²": "mm/s^2", "inch": "in", "ips": "in/s", "lb": "lbf", "kp": "kgf", "-": "1",
+    "mm/s²": "mm/s^2", "in/s2": "in/s^2", "in/s²": "in/s^2", "ft/s2": "ft/s^2", "ft/s²": "ft/s^2",
+    "inch": "in", "ips": "in/s", "lb": "lbf", "kp": "kgf", "-": "1",
 }  # fmt: skip
 
 

@@ -61,25 +61,32 @@ def _shared(*names: str) -> dict[str, Unit]:
     return {name: wire_units.UNITS[name] for name in names}
 
 
+LBF_PER_INCH = wire_units.POUND_FORCE_N / wire_units.INCH_M
+
 UNITS = {
-    **_shared("m", "mm", "cm", "um", "m/s", "mm/s", "cm/s", "m/s^2", "mm/s^2", "N", "kN", "mN", "Hz", "kHz", "mHz",
-              "s", "ms", "us", "min", "h", "Pa", "kPa", "MPa", "bar"),
-    **_shared("degC", "K", "A", "mA", "V", "mV"),
+    **_shared("m", "mm", "cm", "um", "in", "mil", "ft"),
+    **_shared("m/s", "mm/s", "cm/s", "um/s", "mm/min", "m/min", "in/s", "in/min", "ft/s", "ft/min"),
+    **_shared("m/s^2", "mm/s^2", "in/s^2", "ft/s^2"),
+    **_shared("N", "kN", "mN", "daN", "MN", "lbf", "kip", "ozf", "gf", "kgf", "tf"),
+    **_shared("Hz", "kHz", "mHz", "rpm", "s", "ms", "us", "min", "h"),
+    **_shared("Pa", "kPa", "MPa", "bar", "mbar", "psi"),
+    **_shared("degC", "K", "degF", "A", "mA", "V", "mV"),
     "ohm": Unit("resistance", 1.0), "mohm": Unit("resistance", 1e-3), "kohm": Unit("resistance", 1e3),
-    "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
+    "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3), "lbm": Unit("mass", wire_units.POUND_KG),
     "J": Unit("energy", 1.0), "kJ": Unit("energy", 1e3), "MJ": Unit("energy", 1e6),
     "J/K": Unit("heat capacity", 1.0), "kJ/K": Unit("heat capacity", 1e3), "W/K": Unit("heat loss", 1.0),
     "%": Unit("ratio", 1e-2),
     "N/m": Unit("stiffness", 1.0), "N/mm": Unit("stiffness", 1e3), "kN/mm": Unit("stiffness", 1e6),
-    "kN/m": Unit("stiffness", 1e3), "N/um": Unit("stiffness", 1e6),
+    "kN/m": Unit("stiffness", 1e3), "N/um": Unit("stiffness", 1e6), "lbf/in": Unit("stiffness", LBF_PER_INCH),
     "N/s": Unit("force rate", 1.0), "N/A": Unit("force per current", 1.0),
-    "N s/m": Unit("damping", 1.0), "kN s/m": Unit("damping", 1e3), "kg m^2": Unit("moment of inertia", 1.0),
+    "N s/m": Unit("damping", 1.0), "kN s/m": Unit("damping", 1e3), "N s/mm": Unit("damping", 1e3),
+    "lbf s/in": Unit("damping", LBF_PER_INCH), "kg m^2": Unit("moment of inertia", 1.0),
 }  # fmt: skip
 
 # Other spellings of the same units.
 ALIASES = {
-    "°C": "degC", "µm": "um", "μm": "um", "µs": "us", "μs": "us", "Ω": "ohm", "mΩ": "mohm", "kΩ": "kohm",
-    "m/s2": "m/s^2", "m/s²": "m/s^2", "mm/s2": "mm/s^2", "mm/s²": "mm/s^2",
+    **{name: unit for name, unit in wire_units.ALIASES.items() if unit in UNITS},
+    "°C": "degC", "°F": "degF", "Ω": "ohm", "mΩ": "mohm", "kΩ": "kohm",
 }  # fmt: skip
 
 

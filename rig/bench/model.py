@@ -17,6 +17,7 @@ from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
+from rig.files.display_table import DisplayTable
 from rig.files.loader import load_section
 from rig.files.quantity import Quantity
 from rig.files.section import Section
@@ -94,6 +95,7 @@ class Bench(Section):
     clock: Clock = Field(default_factory=Clock)
     station: Station = Field(default_factory=Station)
     checks: Checks = Field(default_factory=Checks)
+    display: DisplayTable = Field(default_factory=DisplayTable)
     require_valid_calibration: bool = Field(
         default=False, description="require that no sensor's calibration is overdue"
     )
@@ -127,6 +129,7 @@ class Bench(Section):
                 "clock": True,
                 "station": True,
                 "checks": True,
+                "display": True,
             }
         )
         tables = {

@@ -12,7 +12,9 @@ from typing import Any, Protocol
 from rig.campaign.words import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
+from rig.recording.quality.point_quality import PointQuality
 from rig.recording.quality.verdict import Kind, Reason, blamed
+from rig.signals.peak_force import PeakForce
 from rig.test_point import TestPoint
 
 WARMING_UP = "warming up"
@@ -76,12 +78,18 @@ class PointResult:
         return self.point.id
 
     @property
+    def peak_force(self) -> PeakForce | None:
+        """Largest force in rebound and in compression (N), as `rig.signals.peak_force`; None where it is not known."""
+        return PointQuality.read(self.quality).loop.peak_force
+
+    @property
     def slugs(self) -> tuple[str, ...]:
         """The reasons' names."""
         return tuple(Reason.stored(line, Kind.SUSPECT).slug for line in self.reasons)
 
     def to_json(self) -> dict[str, Any]:
         """The keys of one entry of `points` in `rig run --json`; `file` absolute or null."""
+        peak = self.peak_force
         return {
             "id": self.id,
             "file": None if self.file is None else str(self.file.resolve()),
@@ -93,6 +101,8 @@ class PointResult:
             "current_A": self.point.current_A,
             "described": self.point.described,
             "lost_samples": self.lost_samples,
+            "peak_force_rebound_N": None if peak is None else peak.rebound_N,
+            "peak_force_compression_N": None if peak is None else peak.compression_N,
             "blamed": [blamed(reason) for reason in self.reasons],
             "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},
         }

@@ -19,6 +19,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.fourier import quantisation_step
 from rig.signals.loop_shape import noise_of
+from rig.signals.peak_force import UNKNOWN, PeakForce
 from rig.signals.test_set import CurrentReading, MotionReading
 
 NEAR_PEAK = 0.97
@@ -73,6 +74,7 @@ class LoopCharacteristics:
         level_A: the level of current to which it belongs in its run, A.
         group: amplitude (m) and frequency (Hz) of the motion to which it belongs in its run.
         amplitude_level_m: the amplitude to which it belongs in its run, whatever its frequency, m.
+        peak_force_N: largest force in rebound and in compression, N (`rig.signals.peak_force`).
     """
 
     id: str
@@ -93,6 +95,7 @@ class LoopCharacteristics:
     level_A: float
     group: tuple[float, float]
     amplitude_level_m: float
+    peak_force_N: PeakForce = UNKNOWN
 
     @property
     def motion(self) -> tuple[str, float, float]:
@@ -103,8 +106,9 @@ class LoopCharacteristics:
         """Every attribute; measured ones as objects."""
         entry = {
             name: value.to_json() if isinstance(value, Measured) else value for name, value in vars(self).items()
-            if name not in {"current", "motion_read", "group"}
+            if name not in {"current", "motion_read", "group", "peak_force_N"}
         }  # fmt: skip
+        entry |= {f"peak_force_{name}": value for name, value in self.peak_force_N._asdict().items()}
         return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
 
 
@@ -148,6 +152,7 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         level_A=point.current_A,
         group=(point.amplitude_m, point.frequency_Hz),
         amplitude_level_m=point.amplitude_m,
+        peak_force_N=point.peak_force_N,
     )
 
 

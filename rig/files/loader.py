@@ -68,7 +68,7 @@ TABLES = {
         "parameter",
     }),
 }
-"""Tables by which a file is recognised for what it is; a test compares them with the models."""
+"""Tables by which a file is recognised for what it is; a test compares them with the models. `[display]` is in two."""
 _PLACES = {
     "bench": "rig plan MATRIX --bench {path}",
     "matrix": "rig plan {path} --bench BENCH",

@@ -19,6 +19,7 @@ from pydantic import Field
 from protocols.descriptions import Problem
 from rig.bench.model import Bench
 from rig.errors import FileProblem, FileProblems
+from rig.files.display_table import DisplayTable
 from rig.files.loader import WrongKind, load_section
 from rig.files.section import Section
 from rig.matrix import named_files
@@ -56,6 +57,7 @@ class Matrix(Section):
     temperature: Temperature | None = None
     identify: Identify = Field(default_factory=Identify)
     campaign: Campaign = Field(default_factory=Campaign)
+    display: DisplayTable = Field(default_factory=DisplayTable)
 
     def points(self) -> tuple[TestPoint, ...]:
         """Every point in the order in which it is run.
@@ -103,7 +105,7 @@ class Matrix(Section):
     def _digest(self, left_out: frozenset[str]) -> str:
         """The digest without these entries of a hybrid test."""
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
-        apart: dict[str, Any] = {"identify": True, "sweep": unused}
+        apart: dict[str, Any] = {"identify": True, "display": True, "sweep": unused}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():

@@ -20,7 +20,10 @@ from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality, time_quality
 from rig.signals.arrays import FloatArray
+from rig.signals.cycles import measured_motion
 from rig.signals.derivatives import velocity_of
+from rig.signals.free_motion import RANDOM
+from rig.signals.peak_force import PeakForce, peak_force
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
@@ -257,6 +260,23 @@ class RecordedPoint(TestPoint):
     def force_N(self) -> FloatArray:
         """Measured force brought to the displacement's sample times, N."""
         return self.channel("force")
+
+    @cached_property
+    def peak_force_N(self) -> PeakForce:
+        """Largest force in rebound (positive) and compression (negative), N; see `rig.signals.peak_force`.
+
+        As stored when the point was recorded; calculated for files without it (earlier versions, imported tests).
+        """
+        stored = self.quality.loop.peak_force
+        if stored is not None:
+            return stored
+        time_s, force_N = self.time_s, self.force_N
+        motion = None if not self.cyclic or self.waveform == RANDOM else measured_motion(time_s, self.displacement_m)
+        if motion is None:
+            return peak_force(time_s, force_N)
+        starts_s = np.linspace(motion.start_s, motion.end_s, motion.cycles + 1)
+        inside = (time_s >= motion.start_s) & (time_s < motion.end_s)
+        return peak_force(time_s[inside], force_N[inside], starts_s)
 
     @cached_property
     def current_measured_A(self) -> FloatArray:

@@ -9,12 +9,15 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocols.near_miss import near_names
 from rig.campaign_folder import CampaignFolder, run_path
+from rig.display import Display
 from rig.errors import DataWarning, FileProblem
+from rig.files.kept_display import kept_display
 from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
@@ -144,6 +147,15 @@ class Run:
         counted = tuple(point for point in points if not point.kept_apart)
         apart = tuple(point for point in points if point.kept_apart)
         return cls(place, counted, described, apart, unreadable)
+
+    @cached_property
+    def display(self) -> Display:
+        """Units and signs in which people read this run's numbers: `[display]` of its bench and matrix files.
+
+        Raises:
+            FileProblem: an entry of `[display]` is not valid.
+        """
+        return kept_display(self.path)
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:

@@ -81,7 +81,7 @@ def loop_shape(
     """
     if len(start_s) <= FEWEST_CYCLES:
         return None
-    forces, moves = (_by_phase(time_s, values, start_s) for values in (force_N, displacement_m))
+    forces, moves = (by_phase(time_s, values, start_s) for values in (force_N, displacement_m))
     if forces is None or moves is None:
         return None
     noise_N = noise_of(force_N)
@@ -146,8 +146,14 @@ def noise_of(values: FloatArray) -> float:
     return float(np.median(np.abs(third)) * NOISE_OF_THIRD_DIFFERENCE) if len(third) else 0.0
 
 
-def _by_phase(time_s: FloatArray, values: FloatArray, start_s: FloatArray) -> FloatArray | None:
-    """Values at `PHASES` phases of each cycle, (k, PHASES); None where too few were measured."""
+def by_phase(time_s: FloatArray, values: FloatArray, start_s: FloatArray) -> FloatArray | None:
+    """Values (n,) at `PHASES` phases of each of k cycles, (k, PHASES); None where too few were measured.
+
+    Args:
+        time_s: (n,) s, increasing.
+        values: (n,), NaN where nothing was measured.
+        start_s: beginnings of the cycles and the end of the last (k + 1,), s.
+    """
     known = np.isfinite(values) & np.isfinite(time_s)
     if np.count_nonzero(known) < PHASES // 4:
         return None

@@ -12,7 +12,6 @@ from rig.units import ALIASES, NUMBER, UNITS, Unit, units_of
 DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current",
              "commanded_current": "current", "voltage": "voltage", "temperature": "temperature"}  # fmt: skip
 """Quantity of a damper test -> what it measures."""
-FAHRENHEIT = Unit("temperature", 5.0 / 9.0, -160.0 / 9.0)
 DAY = Unit("time", 86400.0)
 """In which spreadsheets count, where a cell with a time has no format of a time."""
 WORDS = {
@@ -43,8 +42,7 @@ def units_for(dimension: str) -> dict[str, Unit]:
     """Units of a dimension that a column of a file may have, SI first."""
     own = {name: unit for name, unit in UNITS.items() if unit.dimension == dimension}
     others = {name: unit for name, unit in wire_units.UNITS.items() if unit.dimension == dimension}
-    only_here = {"temperature": {"degF": FAHRENHEIT}, "time": {"d": DAY}}
-    return {**own, **others, **only_here.get(dimension, {})}
+    return {**own, **others, **({"d": DAY} if dimension == "time" else {})}
 
 
 def named_unit(text: str, dimension: str) -> tuple[str, Unit] | None:

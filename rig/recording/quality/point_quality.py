@@ -22,6 +22,7 @@ from rig.signals.delay_estimation.delay_model import at_likely_compliance
 from rig.signals.delay_estimation.sample_match import Match
 from rig.signals.estimate import Estimate
 from rig.signals.loop_shape import LoopShape
+from rig.signals.peak_force import PeakForce
 from rig.signals.sample_times import SampleTimes
 
 if TYPE_CHECKING:
@@ -67,13 +68,25 @@ class CurrentQuality(Section):
 
 @dataclass(frozen=True)
 class LoopQuality(Section):
-    """The force's loop: noise of a sample, scatter and change from cycle to cycle, span (N), free play (m)."""
+    """The force's loop: noise of a sample, scatter and change from cycle to cycle, span (N), free play (m).
+
+    `rebound_N` and `compression_N` are the peak forces as in `rig.signals.peak_force`, of every kind of motion.
+    """
 
     noise_N: float | None = stored("force_noise_N")
     scatter_N: float | None = stored("force_scatter_N")
     change_N: float | None = stored("force_change_N")
     span_N: float | None = stored("force_span_N")
     free_play_m: float | None = stored("free_play_m")
+    rebound_N: float | None = stored("peak_force_rebound_N")
+    compression_N: float | None = stored("peak_force_compression_N")
+
+    @property
+    def peak_force(self) -> PeakForce | None:
+        """The peak forces; None in files of earlier versions, and where they are not known."""
+        if self.rebound_N is None or self.compression_N is None:
+            return None
+        return PeakForce(self.rebound_N, self.compression_N)
 
 
 def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignment: Alignment) -> MotionQuality:
@@ -112,11 +125,15 @@ def current_quality(motion: MeasuredMotion | None, alignment: Alignment, told_by
     return CurrentQuality(float(np.mean(current)), float(np.std(current)))
 
 
-def loop_quality(shape: LoopShape | None) -> LoopQuality:
-    """The force's loop; nothing where its shape cannot be told."""
+def loop_quality(shape: LoopShape | None, peak: PeakForce) -> LoopQuality:
+    """The force's loop; only its peak forces where its shape cannot be told."""
+    quality = LoopQuality(rebound_N=peak.rebound_N, compression_N=peak.compression_N) if peak.known else LoopQuality()
     if shape is None:
-        return LoopQuality()
-    return LoopQuality(shape.noise_N, shape.scatter_N, shape.change_N, shape.span_N, shape.free_play_m)
+        return quality
+    return replace(
+        quality, noise_N=shape.noise_N, scatter_N=shape.scatter_N, change_N=shape.change_N, span_N=shape.span_N,
+        free_play_m=shape.free_play_m,
+    )
 
 
 def _setpoint_phase(motion: MeasuredMotion, alignment: Alignment) -> float | None:
@@ -452,7 +469,7 @@ class PointQuality(Section):
 
 def measured_quality(
     context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
-    evidence: PointEvidence, shape: LoopShape | None,
+    evidence: PointEvidence, shape: LoopShape | None, peak: PeakForce,
 ) -> PointQuality:
     """What is known of a point's quality before it is judged: everything but the verdict and how its end came."""
     low_degC, high_degC = evidence.temperature_degC or (None, None)
@@ -464,6 +481,6 @@ def measured_quality(
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
         current=current_quality(motion, light, context.current_told_by),
         force=sensor_quality("force", alignment), displacement=sensor_quality("displacement", alignment),
-        loop=loop_quality(shape),
+        loop=loop_quality(shape, peak),
         tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
     )

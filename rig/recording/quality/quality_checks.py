@@ -28,6 +28,7 @@ from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
+from rig.signals.peak_force import PeakForce, peak_force
 from rig.test_point import LOOP, TestPoint
 
 MOST_OVERVIEW_SAMPLES = 400_000
@@ -56,8 +57,8 @@ def evaluated(
     seen = _overview(alignment, point.frequency_Hz)
     motion = measured_motion(seen.time_s, seen.displacement_m, point.waveform) if point.cyclic else None
     tracking = tracking_of(point, alignment, seen)
-    evidence, shape = examine(content, context, alignment, seen, motion, tracking)
-    quality = measured_quality(context, alignment, seen, motion, evidence, shape)
+    evidence, shape, peak = examine(content, context, alignment, seen, motion, tracking)
+    quality = measured_quality(context, alignment, seen, motion, evidence, shape, peak)
     if instruments is None:
         instruments = point_reasons(point.id, test, quality)
     verdict = evaluate(replace(evidence, extra=(*evidence.extra, *instruments)))
@@ -91,8 +92,8 @@ def _every(values: Values, every: int) -> FloatArray:
 def examine(
     content: JournalContent, context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
     tracking: Tracking | None = None,
-) -> tuple[PointEvidence, LoopShape | None]:
-    """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
+) -> tuple[PointEvidence, LoopShape | None, PeakForce]:
+    """Everything a verdict is given by, the shape of the loop (None where it cannot be told), and the peak forces."""
     end = content.end or {}
     point = context.point
     inside = np.ones(len(seen.time_s), bool)
@@ -105,6 +106,7 @@ def examine(
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
         shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
+    peak = peak_force(seen.time_s[inside], seen.force_N[inside], None if motion is None else starts)
     frequency_Hz = point.frequency_Hz
     period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
     findings = PointEvidence(
@@ -135,7 +137,7 @@ def examine(
         overrun_records=int(end.get("lost_records", 0)), missing_blocks=content.missing_blocks,
         damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
     )
-    return findings, shape
+    return findings, shape, peak
 
 
 def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:

@@ -1,0 +1,153 @@
+"""The units and signs that people read: `[display]` of a bench or matrix file as a value.
+
+Every number inside the program, in recordings and in JSON is SI, with extension positive. What a person reads
+(terminal, page, report) is converted at the edge with a `Display`, and in no other way:
+
+    shown = run.display                     # of a recorded run; of a bench: `rig.files.display_table.display_of`
+    shown.force.text(1234.5)                # "277.5 lbf": a magnitude, such as a limit or an amplitude
+    shown.force.signed_text(loop.jounce_N)  # a force with its sign, which `positive = "compression"` reverses
+    Axis(shown.force.title("Force"), shown.force.unit)
+    shown.force.signed(force_N)             # an array for that axis
+
+Without `[display]`, everything is shown as N, mm, m/s and degC with rebound (extension) positive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
+
+from rig.units import UNITS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Positive = Literal["rebound", "compression"]
+Number = TypeVar("Number", float, "NDArray[np.float64]")
+
+
+def _units(dimension: str) -> tuple[str, ...]:
+    return tuple(name for name, unit in UNITS.items() if unit.dimension == dimension)
+
+
+FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS = map(_units, ("force", "length", "speed", "temperature"))
+CHOICES: Mapping[str, tuple[str, ...]] = {
+    "force": FORCE_UNITS, "displacement": LENGTH_UNITS, "speed": SPEED_UNITS, "temperature": TEMPERATURE_UNITS,
+    "positive": get_args(Positive),
+}
+"""Entry of `[display]` -> the values that it may have."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One quantity as it is shown.
+
+    Attributes:
+        unit: name of the unit.
+        scale, offset: SI value of a number in it: number * scale + offset.
+        positive: the direction that is positive; of no meaning for a quantity without a direction.
+    """
+
+    unit: str
+    scale: float
+    offset: float = 0.0
+    positive: Positive = "rebound"
+
+    def value(self, si: Number) -> Number:
+        """A magnitude (number or array (n,)) from SI: a limit, an amplitude, a standard deviation, a temperature."""
+        return (si - self.offset) / self.scale
+
+    def signed(self, si: Number) -> Number:
+        """A value (number or array (n,)) from SI that is positive in rebound, with the sign of the display."""
+        return -self.value(si) if self.positive == "compression" else self.value(si)
+
+    def text(self, si: float, digits: int = 4) -> str:
+        """A magnitude with its unit: "30 mm"."""
+        return f"{self.value(si):.{digits}g} {self.unit}"
+
+    def signed_text(self, si: float, digits: int = 4) -> str:
+        """A value that is positive in rebound, with the sign of the display and the unit: "-1234 N"."""
+        return f"{self.signed(si) + 0.0:.{digits}g} {self.unit}"
+
+    def title(self, quantity: str) -> str:
+        """Name of a signed quantity for an axis or a column, with the sign convention where that is not the usual one.
+
+        "Force"; with compression positive "Force, compression positive".
+        """
+        return f"{quantity}, compression positive" if self.positive == "compression" else quantity
+
+
+@dataclass(frozen=True)
+class Display:
+    """`[display]`: units by name, and the direction in which force, displacement and speed are positive."""
+
+    force_unit: str = "N"
+    displacement_unit: str = "mm"
+    speed_unit: str = "m/s"
+    temperature_unit: str = "degC"
+    positive: Positive = "rebound"
+
+    @classmethod
+    def of(cls, *tables: Mapping[str, Any]) -> Display:
+        """The display of `[display]` tables as they are in the files; an entry of a later table counts more.
+
+        Args:
+            tables: of the bench file, then of the matrix file.
+
+        Raises:
+            ValueError: an entry is unknown or has no such value; the message says what is allowed.
+        """
+        entries = {name: value for table in tables for name, value in table.items() if value is not None}
+        for name, value in entries.items():
+            if name not in CHOICES:
+                raise ValueError(f"[display] {name}: unknown key; allowed here: {', '.join(CHOICES)}")
+            if value not in CHOICES[name]:
+                raise ValueError(f"[display] {name} = {value!r:.40}: allowed: {', '.join(CHOICES[name])}")
+        return cls(**{name if name == "positive" else f"{name}_unit": value for name, value in entries.items()})
+
+    @property
+    def force(self) -> Shown:
+        """Forces; signed ones are positive in rebound (SI)."""
+        return self._shown(self.force_unit)
+
+    @property
+    def displacement(self) -> Shown:
+        """Displacements, amplitudes, strokes; signed ones are positive in extension (SI)."""
+        return self._shown(self.displacement_unit)
+
+    @property
+    def speed(self) -> Shown:
+        """Speeds; signed ones are positive in rebound (SI)."""
+        return self._shown(self.speed_unit)
+
+    @property
+    def temperature(self) -> Shown:
+        """Temperatures; they have no direction."""
+        unit = UNITS[self.temperature_unit]
+        return Shown(self.temperature_unit, unit.scale, unit.offset)
+
+    @property
+    def damping(self) -> Shown:
+        """Force over speed, in the display's own units: "N s/m", "lbf s/in"; no direction."""
+        force, speed = self.force, self.speed
+        length, slash, time = speed.unit.partition("/")
+        unit = f"{force.unit} {time}/{length}" if slash else f"{force.unit}/({speed.unit})"
+        return Shown(unit, force.scale / speed.scale)
+
+    @property
+    def usual(self) -> bool:
+        """Whether everything is shown as without `[display]`."""
+        return self == Display()
+
+    def to_json(self) -> dict[str, str]:
+        """Its entries as they are written in a file, every one of them."""
+        return {item.name.removesuffix("_unit"): getattr(self, item.name) for item in fields(self)}
+
+    def _shown(self, unit: str) -> Shown:
+        return Shown(unit, UNITS[unit].scale, UNITS[unit].offset, self.positive)
+
+
+SI = Display()
+"""As without `[display]`."""

@@ -1,0 +1,37 @@
+"""`[display]` in a bench or matrix file: units and signs that people read; see `rig.display`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from rig.display import FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, Display, Positive
+from rig.files.section import Section
+
+ForceUnit = Literal[FORCE_UNITS]  # type: ignore[valid-type]  # one list serves the schema and the message
+LengthUnit = Literal[LENGTH_UNITS]  # type: ignore[valid-type]  # the same
+SpeedUnit = Literal[SPEED_UNITS]  # type: ignore[valid-type]  # the same
+TemperatureUnit = Literal[TEMPERATURE_UNITS]  # type: ignore[valid-type]  # the same
+
+
+class DisplayTable(Section):
+    """Units and signs on the terminal, page and report; files and JSON stay in SI, with extension positive.
+
+    An entry of the matrix file replaces that of the bench file.
+    """
+
+    force: ForceUnit | None = Field(default=None, description="unit of forces; default: N")
+    displacement: LengthUnit | None = Field(
+        default=None, description="unit of displacements, amplitudes and strokes; default: mm"
+    )
+    speed: SpeedUnit | None = Field(default=None, description="unit of speeds; default: m/s")
+    temperature: TemperatureUnit | None = Field(default=None, description="unit of temperatures; default: degC")
+    positive: Positive | None = Field(
+        default=None, description="direction in which force, displacement and speed are positive; default: rebound"
+    )
+
+
+def display_of(*tables: DisplayTable) -> Display:
+    """The display of these tables, the bench file's first; an entry of a later one counts more."""
+    return Display.of(*(table.model_dump() for table in tables))

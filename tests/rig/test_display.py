@@ -1,0 +1,76 @@
+"""`[display]`: units and signs that people read, from the files to the shown number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.bench.model import Bench
+from rig.display import Display
+from rig.errors import FileProblem
+from rig.files.display_table import display_of
+from rig.files.kept_display import kept_display
+from rig.matrix.model import load_matrix
+from rig.signals.peak_force import peak_force
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+US = '''
+[display]
+force = "lbf"
+displacement = "in"
+speed = "in/s"
+temperature = "degF"
+positive = "compression"
+'''
+
+
+def test_numbers_are_shown_in_the_units_and_with_the_signs_of_the_table_and_SI_without_it() -> None:
+    usual = Display()
+    assert (usual.force.signed_text(-1234.0), usual.displacement.text(0.05)) == ("-1234 N", "50 mm")
+    assert (usual.force.title("Force"), usual.damping.unit, usual.usual) == ("Force", "N s/m", True)
+    shown = Display.of({"force": "lbf", "displacement": "in", "positive": "compression"}, {"speed": "in/s"})
+    assert shown.force.signed_text(-4.4482216152605) == "1 lbf"
+    assert shown.displacement.text(0.0508) == "2 in"  # an amplitude has no sign
+    assert shown.displacement.signed(np.array([0.0254, -0.0508])).tolist() == pytest.approx([-1.0, 2.0])
+    assert shown.force.title("Force") == "Force, compression positive"
+    assert shown.damping.unit == "lbf s/in"
+    assert shown.damping.value(175.12683524647636) == pytest.approx(1.0)
+    assert Display.of({"temperature": "degF"}).temperature.text(100.0) == "212 degF"
+
+
+def test_bench_and_matrix_may_state_it_and_no_digest_depends_on_it(tmp_path: Path) -> None:
+    bench, matrix = tmp_path / "bench.toml", tmp_path / "matrix.toml"
+    bench.write_text((EXAMPLES / "demo-bench.toml").read_text() + US)
+    matrix.write_text((EXAMPLES / "quick.toml").read_text() + '[display]\nforce = "kN"\n')
+    loaded, tests = Bench.load(bench), load_matrix(matrix)
+    assert loaded.digest == Bench.load(EXAMPLES / "demo-bench.toml").digest
+    assert tests.digest == load_matrix(EXAMPLES / "quick.toml").digest
+    expected = Display("kN", "in", "in/s", "degF", "compression")
+    assert display_of(loaded.display, tests.display) == expected
+    assert kept_display(tmp_path) == expected  # the copies in a run's folder have these names
+    matrix.write_text('[display]\nforce = "mm"\n')
+    with pytest.raises(FileProblem, match="force = 'mm': allowed: N, kN"):
+        kept_display(tmp_path)
+    matrix.write_text("[display")
+    bench.unlink()
+    assert kept_display(tmp_path).usual
+
+
+def test_a_unit_of_another_quantity_is_refused_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text((EXAMPLES / "demo-bench.toml").read_text() + '[display]\nspeed = "in"\n')
+    with pytest.raises(FileProblem, match="line 64: display.speed .* must be 'm/s', "):
+        Bench.load(path)
+
+
+def test_peak_forces_are_those_of_the_mean_cycle_and_no_single_sample_is_one() -> None:
+    time_s = np.arange(0.0, 5.0, 0.004)
+    force_N = 1000.0 * np.cos(4.0 * np.pi * time_s) - 50.0 + np.random.default_rng(0).normal(0.0, 10.0, time_s.size)
+    peak = peak_force(time_s, force_N, np.arange(0.0, 5.0, 0.5))
+    assert peak.rebound_N == pytest.approx(950.0, abs=6.0)
+    assert peak.compression_N == pytest.approx(-1050.0, abs=6.0)
+    spike_N = np.where(np.arange(time_s.size) == 7, 9e3, 100.0)
+    assert peak_force(time_s, spike_N).rebound_N == 100.0
+    assert not peak_force(time_s, np.full(time_s.size, np.nan)).known
