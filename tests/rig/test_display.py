@@ -61,7 +61,7 @@ def test_bench_and_matrix_may_state_it_and_no_digest_depends_on_it(tmp_path: Pat
 def test_a_unit_of_another_quantity_is_refused_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text((EXAMPLES / "demo-bench.toml").read_text() + '[display]\nspeed = "in"\n')
-    with pytest.raises(FileProblem, match="line 64: display.speed .* must be 'm/s', "):
+    with pytest.raises(FileProblem, match=r"line 64: display.speed .* must be 'm/s', "):
         Bench.load(path)
 
 
