@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.characteristics.force_table import ForceTable, force_tables
 from rig.characteristics.loop import LoopCharacteristics, Measured, characterise_loop, over_cycles, without_cut_ends
 from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.fits.plain import plain
@@ -84,11 +85,17 @@ class Characteristics:
         """The loops at 0 A, by peak speed: the damper as it is without its coil."""
         return tuple(sorted((x for x in self.loops if x.level_A == 0.0), key=lambda loop: loop.peak_speed_m_s))
 
+    @property
+    def force_tables(self) -> tuple[ForceTable, ...]:
+        """Force over velocity, a table for each waveform (PVP, constant velocity)."""
+        return force_tables(self.loops)
+
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
         lag = self.lag
         return {
             "loops": [loop.to_json() for loop in self.loops],
+            "force_tables": [table.to_json() for table in self.force_tables],
             "signature": [loop.id for loop in self.signature],
             "dynamic_range": [value.to_json() for value in self.dynamic_range],
             "friction": [value.to_json() for value in self.friction],

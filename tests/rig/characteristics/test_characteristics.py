@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.characteristics.loop import characterise_loop
+from rig.characteristics.force_table import ForceTable, force_tables
+from rig.characteristics.loop import Measured, characterise_loop
 from rig.characteristics.summary import Characteristics, characterise, dynamic_range, friction_of
 from rig.identification.points.preparation import prepare
 from rig.identification.uncertainty.scoring import cycle_energy_J
@@ -48,13 +49,35 @@ def test_a_viscous_dampers_energy_damping_and_peak_forces_are_the_closed_form() 
     assert loop.jounce_N.value == pytest.approx(-120.0 - 800.0 * speed_m_s, abs=5.0 * loop.jounce_N.std)
     assert loop.rebound_N.std < 0.5
     assert loop.force_scatter_N == pytest.approx(1.0, rel=0.2)
-
-
-def test_the_stated_uncertainty_covers_the_error_of_the_energy() -> None:
-    loop = characterise_loop(viscous(800.0, 1.5))
     exact_J = math.pi * 800.0 * math.tau * 1.5 * AMPLITUDE_M**2
     assert 0.0 < loop.energy_J.std < 0.01 * exact_J
     assert abs(loop.energy_J.value - exact_J) < 4.0 * loop.energy_J.std + 1e-3 * exact_J
+    assert loop.peak_force_N == pytest.approx((loop.rebound_N.value, loop.jounce_N.value), abs=3.0)
+
+
+def test_the_force_table_has_a_row_for_each_velocity_and_a_column_for_each_current() -> None:
+    loops = [
+        characterise_loop(viscous(damping, frequency_Hz, -50.0, current_A))
+        for damping, current_A in ((500.0, 0.0), (1500.0, 1.0)) for frequency_Hz in (2.0, 1.0)
+    ]
+    again = replace(loops[0], id="repeat")
+    (table,) = force_tables([*loops[:3], again])
+    assert (table.kind, table.currents_A, table.constant_stroke) == ("peak velocity", (0.0, 1.0), True)
+    assert [row.frequency_Hz for row in table.rows] == [1.0, 2.0]
+    assert table.rows[1].speed_m_s == pytest.approx(AMPLITUDE_M * math.tau * 2.0, rel=1e-3)
+    assert table.rows[0].cells[1] is None  # 1 Hz was not run at 1 A
+    cell = table.rows[1].cells[0]
+    assert cell is not None
+    assert cell.points == ("p-2-0", "repeat")
+    assert cell.rebound_N == pytest.approx(500.0 * AMPLITUDE_M * math.tau * 2.0 - 50.0, abs=1.0)
+    assert cell.compression_N == pytest.approx(-500.0 * AMPLITUDE_M * math.tau * 2.0 - 50.0, abs=1.0)
+    assert 0.0 < cell.rebound_std_N < loops[0].rebound_N.std
+    unknown = replace(loops[0], waveform="triangle", rebound_N=Measured(math.nan, math.nan, math.nan))
+    tables = force_tables([unknown, *loops])
+    assert [one.kind for one in tables] == ["peak velocity", "constant velocity"]
+    written = json.loads(json.dumps([one.to_json() for one in tables], allow_nan=False))
+    assert written[1]["rows"][0]["cells"][0]["rebound_N"] is None
+    assert ForceTable.from_json(written[0]) == tables[0]
 
 
 @pytest.mark.parametrize("rate_Hz", [250.0, 1000.0, 10_000.0])

@@ -1,0 +1,160 @@
+"""Tables of force over velocity as damper dynamometers print them: rows of velocity, columns by current and direction.
+
+A sine gives a *peak velocity* table (PVP): forces at the peak velocity of each motion. A triangle, whose velocity is
+constant between the reversals, gives a *constant velocity* table. One value for terminal, JSON and report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.signals.waveform import TRIANGLE
+
+PEAK_VELOCITY, CONSTANT_VELOCITY = "peak velocity", "constant velocity"
+
+
+@dataclass(frozen=True)
+class ForceCell:
+    """Forces of one motion at one current, N; the mean over its repeats; NaN where a force is unknown.
+
+    Attributes:
+        points: ids of the points.
+        rebound_N, compression_N: at the velocity of the row; positive and negative.
+        rebound_std_N, compression_std_N: standard uncertainty from the scatter of cycles and repeats.
+        peak_force_rebound_N, peak_force_compression_N: largest forces of the motion, at whatever velocity.
+    """
+
+    points: tuple[str, ...]
+    rebound_N: float
+    compression_N: float
+    rebound_std_N: float
+    compression_std_N: float
+    peak_force_rebound_N: float
+    peak_force_compression_N: float
+
+    @classmethod
+    def of(cls, loops: Sequence[LoopCharacteristics]) -> Self:
+        """The cell of these loops: one, or the repeats of one point."""
+        rebound_N, rebound_std_N = _over_repeats([loop.rebound_N for loop in loops])
+        compression_N, compression_std_N = _over_repeats([loop.jounce_N for loop in loops])
+        peaks = [loop.peak_force_N for loop in loops]
+        return cls(
+            tuple(loop.id for loop in loops), rebound_N, compression_N, rebound_std_N, compression_std_N,
+            _mean([peak.rebound_N for peak in peaks]), _mean([peak.compression_N for peak in peaks]),
+        )
+
+
+@dataclass(frozen=True)
+class ForceRow:
+    """One motion: velocity (m/s, measured), amplitude (m, half of the stroke), frequency (Hz).
+
+    `cells` has an entry for each current of the table; None where the motion was not run at that current.
+    """
+
+    speed_m_s: float
+    amplitude_m: float
+    frequency_Hz: float
+    cells: tuple[ForceCell | None, ...]
+
+
+@dataclass(frozen=True)
+class ForceTable:
+    """The motions of one waveform by velocity.
+
+    Attributes:
+        kind: `peak velocity` or `constant velocity`.
+        waveform: of the motions.
+        currents_A: levels of current (n,), rising, A.
+        rows: the motions by rising velocity, each with n cells.
+    """
+
+    kind: str
+    waveform: str
+    currents_A: tuple[float, ...]
+    rows: tuple[ForceRow, ...]
+
+    @property
+    def constant_stroke(self) -> bool:
+        """Whether all motions have one amplitude, within 1 %."""
+        amplitudes_m = [row.amplitude_m for row in self.rows]
+        return max(amplitudes_m) <= 1.01 * min(amplitudes_m)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain types; null for a number that is unknown."""
+        return {
+            "kind": self.kind, "waveform": self.waveform, "currents_A": list(self.currents_A),
+            "rows": [
+                {
+                    "speed_m_s": row.speed_m_s, "amplitude_m": row.amplitude_m, "frequency_Hz": row.frequency_Hz,
+                    "cells": [None if cell is None else _without_nan(asdict(cell)) for cell in row.cells],
+                }
+                for row in self.rows
+            ],
+        }  # fmt: skip
+
+    @classmethod
+    def from_json(cls, entry: Mapping[str, Any]) -> Self:
+        """What `to_json` wrote.
+
+        Raises:
+            KeyError, TypeError: it did not write this.
+        """
+        rows = tuple(
+            ForceRow(
+                row["speed_m_s"], row["amplitude_m"], row["frequency_Hz"],
+                tuple(None if cell is None else ForceCell(**_with_nan(cell)) for cell in row["cells"]),
+            )
+            for row in entry["rows"]
+        )
+        return cls(entry["kind"], entry["waveform"], tuple(entry["currents_A"]), rows)
+
+
+def force_tables(loops: Sequence[LoopCharacteristics]) -> tuple[ForceTable, ...]:
+    """A table for each waveform among the loops, those of peak velocity first."""
+    waveforms = sorted({loop.waveform for loop in loops}, key=lambda name: (name == TRIANGLE.name, name))
+    return tuple(_table(name, [loop for loop in loops if loop.waveform == name]) for name in waveforms)
+
+
+def _table(waveform: str, loops: Sequence[LoopCharacteristics]) -> ForceTable:
+    currents_A = tuple(sorted({loop.level_A for loop in loops}))
+    motions: dict[tuple[float, float], list[LoopCharacteristics]] = {}
+    for loop in loops:
+        motions.setdefault(loop.group, []).append(loop)
+    rows = []
+    for (amplitude_m, frequency_Hz), members in motions.items():
+        at = [[loop for loop in members if loop.level_A == current_A] for current_A in currents_A]
+        cells = tuple(ForceCell.of(repeats) if repeats else None for repeats in at)
+        rows.append(ForceRow(_mean([loop.peak_speed_m_s for loop in members]), amplitude_m, frequency_Hz, cells))
+    kind = CONSTANT_VELOCITY if waveform == TRIANGLE.name else PEAK_VELOCITY
+    return ForceTable(kind, waveform, currents_A, tuple(sorted(rows, key=lambda row: row.speed_m_s)))
+
+
+def _over_repeats(values: Sequence[Measured]) -> tuple[float, float]:
+    """Mean over repeats (N) and its standard uncertainty: of the cycles' scatter or that of the repeats, if larger."""
+    known = [value for value in values if math.isfinite(value.value)]
+    if not known:
+        return math.nan, math.nan
+    within = math.sqrt(math.fsum(value.std**2 for value in known)) / len(known)
+    between = float(np.std([value.value for value in known], ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else 0.0
+    return _mean([value.value for value in known]), max(within, between)
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return math.fsum(known) / len(known) if known else math.nan
+
+
+def _without_nan(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
+
+
+def _with_nan(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: tuple(x) if name == "points" else math.nan if x is None else x for name, x in entry.items()
+    }
