@@ -243,7 +243,7 @@ def test_text_from_files_cannot_become_markup(run: Path) -> None:
 
 def test_a_report_stands_beside_its_run_and_what_is_no_run_is_refused(run: Path, tmp_path: Path) -> None:
     assert write_report(run) == run / "report.html"
-    with pytest.raises(FileProblem, match="nowhere: no such folder") as refused:
+    with pytest.raises(FileProblem, match="nowhere") as refused:
         write_report(tmp_path / "nowhere")
     assert refused.value.exit_code == EXIT_USAGE
 
