@@ -9,6 +9,7 @@ from drivers import clock
 from drivers.can_library import import_can
 from drivers.connection import CanAddress
 from drivers.errors import LinkLost, PortClosed
+from drivers.port_causes import is_down
 from drivers.stamp_clock import StampClock
 from protocols.slcan import Frame
 
@@ -19,6 +20,7 @@ LARGEST_BATCH = 1000
 
 
 SLCAN = "slcan"
+SOCKETCAN = "socketcan"
 
 
 class CanPort:
@@ -58,8 +60,12 @@ class CanPort:
         """Join the bus.
 
         Raises:
-            PortClosed: unknown interface, missing driver, no such channel.
+            PortClosed: unknown interface, missing driver, no such channel, or the interface is down.
         """
+        if self._interface == SOCKETCAN and is_down(self._channel):
+            rate = f" type can bitrate {self._address.bitrate}" * (not self._channel.startswith("vcan"))
+            fix = f"sudo ip link set {self._channel} up{rate}"
+            raise PortClosed(self.device, self._name, f"the CAN interface {self._channel} is down", fix)
         can = self._can = import_can()
         try:
             if self._interface == SLCAN:
@@ -72,7 +78,8 @@ class CanPort:
                 self._bus = can.Bus(
                     interface=self._interface, channel=self._channel, bitrate=self._address.bitrate, **options
                 )
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError, NameError) as error:
+            # NameError: python-can's Kvaser interface without its library.
             raise PortClosed(self.device, self._name, f"cannot be opened: {error}") from error
 
     def close(self) -> None:

@@ -87,7 +87,9 @@ class TcpWire:
         try:
             connection = socket.create_connection((host, port), timeout=timeout_s)
         except OSError as error:
-            message = f"connection refused, or not established within {timeout_s:g} s: {error}"
+            message = f"no connection within {timeout_s:g} s" if isinstance(error, TimeoutError) else (
+                f"no connection: {error.strerror or error}"
+            )
             raise PortClosed(self.device, self.url, message) from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket = connection

@@ -7,6 +7,7 @@ pyserial, whose own waits 0.3 s at every close; every other URL goes through `se
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import socket
@@ -16,6 +17,7 @@ import serial
 
 from drivers import clock
 from drivers.errors import LinkLost, PortClosed
+from drivers.port_causes import error_number
 
 READ_SIZE = 1 << 16
 OPEN_TIMEOUT_S = 2.0
@@ -238,5 +240,5 @@ class SerialPort:
 
 def _reason(error: OSError | ValueError) -> str:
     """The system's words once; pyserial's own message repeats the port and the system's words around them."""
-    number = error.errno if isinstance(error, OSError) else None
-    return str(error) if number is None else os.strerror(number)
+    number = error_number(error)
+    return str(error) if number is None or number not in errno.errorcode else os.strerror(number)

@@ -25,6 +25,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from drivers import clock
+from drivers.port_causes import command_line
 from drivers.ring import MAGIC
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -137,11 +138,10 @@ def _lock(device: str, address: str) -> int:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             break
         except OSError as error:
-            if _lives(_owner(descriptor)) or monotonic_ns() > deadline_ns:
+            owner = _owner(descriptor)
+            if _lives(owner) or monotonic_ns() > deadline_ns:
                 os.close(descriptor)
-                raise Refused(
-                    "two-instances", f"{address} is in use by another campaign on this machine ({path})"
-                ) from error
+                raise Refused("two-instances", _in_use(address, path, owner)) from error
         # A lock cannot be waited for with a time limit.
         time.sleep(LOOK_AGAIN_S)
     # What holds is the lock; the number only tells a waiting campaign whether the holder lives.
@@ -149,6 +149,15 @@ def _lock(device: str, address: str) -> int:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, b"%d\n" % os.getpid(), 0)
     return descriptor
+
+
+def _in_use(address: str, lock: Path, owner: int) -> str:
+    """Who holds a device, and what the user can do."""
+    holder = f"process {owner}: {command_line(owner)}" if owner else "its process is not known yet"
+    return (
+        f"{address} is in use by another campaign on this machine ({holder}; lock {lock}). Fix: wait until that "
+        "campaign ends, or stop it with Ctrl-C in its terminal"
+    )
 
 
 def _folder() -> Path:

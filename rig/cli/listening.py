@@ -13,6 +13,7 @@ import click
 from drivers.can_sniffing import decoded, listen_to_can
 from drivers.connection import CanAddress, LineSettings
 from drivers.errors import DriverError
+from drivers.port_causes import with_fix
 from protocols.errors import LocalProtocolError
 from protocols.guess_can import read_candump, summaries
 from rig import units
@@ -132,7 +133,7 @@ def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] 
     try:
         return listen_to_can(CanAddress(interface, channel, options["bitrate"]), max(1.0, options["seconds"]))
     except DriverError as error:
-        raise NothingHeard(str(error)) from error
+        raise NothingHeard(with_fix(error)) from error
 
 
 def _read(path: Path) -> bytes:
@@ -170,7 +171,7 @@ def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
     try:
         rounds = listened(port, line, options["seconds"])
     except DriverError as error:
-        raise NothingHeard(str(error)) from error
+        raise NothingHeard(with_fix(error)) from error
     return _answer(port, rounds, options["given"], port)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from drivers.errors import DriverError
+from drivers.port_causes import fix_of
 from drivers.roles import Actuator, FaultBit, state_name
 from rig.clock import monotonic_ns
 from rig.station.errors import StationRefused
@@ -95,11 +96,6 @@ def examine(devices: Devices, preparation: Preparation) -> Examined:
         if device.name in closed else _seen(device, devices, preparation)
         for device in devices
     ])
-
-
-def fix_of(error: Exception) -> str:
-    """What would fix it, where its driver knows; else empty."""
-    return error.fix if isinstance(error, DriverError) else ""
 
 
 def _seen(device: Device, devices: Devices, preparation: Preparation) -> Seen:

@@ -17,10 +17,11 @@ from drivers.connection import ActuatorConnection, LinkKind
 from drivers.errors import DriverError, LocalEcho, NoAnswer, OtherAnswer, RequestRefused, WrongLayout
 from drivers.modbus_actuator import ModbusActuator
 from drivers.modbus_link import ModbusLink
+from drivers.port_causes import with_fix
 from drivers.register_maps.map_file import controller
 from protocols.modbus import encode_rtu
 from rig.station.interlocks.link_faults import link_slug
-from rig.station.threads.devices import slug_of, with_fix
+from rig.station.threads.devices import slug_of
 
 TEXT = """
 [modbus]

@@ -28,6 +28,7 @@ from drivers.errors import (
     WrongIdentity,
     WrongLayout,
 )
+from drivers.port_causes import with_fix
 from drivers.ring import Channel, Record
 from drivers.roles import Sensor
 from drivers.sample_stream import SampleScale
@@ -208,12 +209,6 @@ REFUSALS: tuple[tuple[type[Exception], str], ...] = (
     (RequestRefused, "modbus-reject"),
 )  # fmt: skip
 """By what a driver raises at connect; the first that fits."""
-
-
-def with_fix(error: Exception) -> str:
-    """What went wrong, and what would correct it where the driver knows."""
-    fix = error.fix if isinstance(error, DriverError) else ""
-    return f"{error}. Fix: {fix}" if fix else str(error)
 
 
 def slug_of(error: Exception) -> str:
