@@ -10,7 +10,6 @@ import contextlib
 import errno
 import os
 import re
-import socket
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -98,7 +97,7 @@ def error_number(error: BaseException | None) -> int | None:
         if error is None:
             return None
         if isinstance(error, OSError) and error.errno is not None:
-            return error.errno
+            return error.errno  # negative if a host name cannot be resolved (socket.gaierror)
         # termios.error is no OSError: its first argument is the number.
         if type(error).__module__ == "termios" and error.args and isinstance(error.args[0], int):
             return error.args[0]
@@ -109,7 +108,7 @@ def error_number(error: BaseException | None) -> int | None:
 def _network_fix(address: str, error: BaseException, number: int | None) -> str:
     parts = urlsplit(address)
     host, port = parts.hostname, parts.port
-    if isinstance(error, socket.gaierror) or isinstance(error.__cause__ or error.__context__, socket.gaierror):
+    if number is not None and number < 0:
         return f"this computer cannot resolve the host name {host}: check the spelling, or write the IP address"
     if number == errno.ECONNREFUSED:
         return (

@@ -63,7 +63,7 @@ class StubModule:
 SAME_OS = """
 path sep strerror stat fstat lstat statvfs environ getuid PathLike fspath cpu_count sysconf pread lseek fchmod truncate
 uname name fsdecode fsencode stat_result rmdir access readlink sched_getaffinity chmod supports_follow_symlinks
-supports_fd supports_dir_fd getcwd utime DirEntry curdir pardir devnull error symlink"""
+supports_fd supports_dir_fd getcwd utime DirEntry curdir pardir devnull error symlink getgroups"""
 
 
 class Files:
