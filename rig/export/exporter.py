@@ -15,7 +15,7 @@ from rig.errors import FileProblem, RigError
 from rig.export.fitted_model import FittedModel
 from rig.export.force_table import write_table
 from rig.export.inverse_table import write_inverse
-from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet
+from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet, write_rpc, write_rpc16
 from rig.export.point_tables import write_points
 from rig.export.report_figures import write_figures
 from rig.export.values import write_values
@@ -161,6 +161,10 @@ OWN = (
     Exporter("netcdf", "run", "one NetCDF file per point", lambda source, out: write_netcdf(source.run, out)),
     Exporter("parquet", "run", "one Parquet file per point", lambda source, out: write_parquet(source.run, out)),
     Exporter("mf4", "run", "one ASAM MDF 4 file per point", lambda source, out: write_mf4(source.run, out)),
+    Exporter("rpc", "run", "one RPC III file per point (.rsp, 32-bit floats)", lambda source, out: write_rpc(
+        source.run, out)),
+    Exporter("rpc16", "run", "one RPC III file per point (.rsp, 16-bit integers)", lambda source, out: write_rpc16(
+        source.run, out)),
     Exporter("svg", "run", "one SVG file per figure of the report", lambda source, out: write_figures(
         source.run, out, ".svg")),
     Exporter("png", "run", "one PNG file per figure of the report", lambda source, out: write_figures(

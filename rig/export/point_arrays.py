@@ -1,4 +1,4 @@
-"""A run as MATLAB, NetCDF, Parquet and MDF files: one a point, a variable a channel, names and units as in the CSV."""
+"""A run as MATLAB, NetCDF, Parquet, MDF and RPC III files: one for each point, with the names and units of the CSV."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.export.point_tables import described
 from rig.recording.atomic_write import write_durably
+from rig.recording.file_formats.rpc3_file import Rpc3Channel, encoded
 from rig.recording.file_formats.table_file import INSTALL_FILES
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
 from rig.recording.run import Run
@@ -24,7 +26,9 @@ UNITS = {
 }  # fmt: skip
 """Of `CHANNELS`, in the words of udunits."""
 PLAIN_UNITS = {"velocity_m_s": "m/s", "coil_temperature_degC": "degC"}
-"""Where MDF tools write them otherwise."""
+"""Where MDF and RPC III tools write them otherwise."""
+GRID = 0.01
+"""Of a sample period: how far a sample may be from a uniform time grid that stands for it."""
 
 
 def write_mat(run: Run, folder: Path) -> list[Path]:
@@ -64,6 +68,24 @@ def write_mf4(run: Run, folder: Path) -> list[Path]:
         FileProblem: asammdf is not installed.
     """
     return _written(run, folder, "mf4", _mf4)
+
+
+def write_rpc(run: Run, folder: Path) -> list[Path]:
+    """Write one `ID.rsp` (RPC III) a point: float32 channels on a uniform time grid, missing samples as NaN.
+
+    Raises:
+        FileProblem: the samples of a point are not on a uniform grid.
+    """
+    return _written(run, folder, "rsp", lambda point: _rpc(point, integers=False))
+
+
+def write_rpc16(run: Run, folder: Path) -> list[Path]:
+    """Write one `ID.rsp` (RPC III) a point: 16-bit integers with a scale for each channel.
+
+    Raises:
+        FileProblem: the samples of a point are not on a uniform grid, or some are missing.
+    """
+    return _written(run, folder, "rsp", lambda point: _rpc(point, integers=True))
 
 
 def _written(run: Run, folder: Path, ending: str, content: Callable[[RecordedPoint], bytes]) -> list[Path]:
@@ -136,6 +158,49 @@ def _mf4(point: RecordedPoint) -> bytes:
         file.header.start_time = datetime(1970, 1, 1, tzinfo=UTC)
         file.save(content)
     return content.getvalue()
+
+
+def _rpc(point: RecordedPoint, *, integers: bool) -> bytes:
+    channels = _recorded(point)
+    time_s = channels.pop("time_s", np.zeros(0))
+    measured = np.flatnonzero(np.all([np.isfinite(values) for values in channels.values()], axis=0))
+    if len(measured) < 2:
+        raise FileProblem(f"point {point.id}", ["it has no samples with all channels. Fix: use --to mf4"])
+    rows = slice(int(measured[0]), int(measured[-1]) + 1)
+    step_s, places = _grid(point.id, time_s[rows])
+    on_grid = np.full((len(channels), int(places[-1]) + 1), np.nan)
+    on_grid[:, places] = [values[rows] for values in channels.values()]
+    try:
+        return encoded(
+            [Rpc3Channel(name, PLAIN_UNITS.get(name, UNITS[name]), values)
+             for name, values in zip(channels, on_grid, strict=True)],
+            step_s, {f"RIG.{name.upper()}": value for name, value in described(point).items()}, integers=integers,
+        )  # fmt: skip
+    except ValueError as error:
+        count = int(np.count_nonzero(np.isnan(on_grid).any(axis=0)))
+        raise FileProblem(f"point {point.id}", [
+            f"{count} of {on_grid.shape[1]} samples are missing, which 16-bit integers cannot express. Fix: use "
+            "--to rpc, which writes them as NaN"
+        ]) from error  # fmt: skip
+
+
+def _grid(name: str, time_s: FloatArray) -> tuple[float, NDArray[np.int64]]:
+    """The period (s) of the uniform grid that samples are on, and the place of each, (n,), from 0.
+
+    Raises:
+        FileProblem: they are on none.
+    """
+    step_s = float(np.median(np.diff(time_s)))
+    places = np.round((time_s - time_s[0]) / step_s).astype(np.int64)
+    if len({*places.tolist()}) == len(places) and places[-1] < 2 * len(places):
+        step_s, start_s = np.polyfit(places, time_s, 1).tolist()
+        off = float(np.max(np.abs(time_s - start_s - step_s * places))) / step_s
+        if off <= GRID:
+            return step_s, places
+    raise FileProblem(f"point {name}", [
+        f"its samples are not on a uniform time grid (within {100.0 * GRID:g} % of a period), as RPC III requires. "
+        "Fix: use --to mf4"
+    ])  # fmt: skip
 
 
 def _text(value: object) -> str:

@@ -123,3 +123,25 @@ def test_asammdf_reads_the_mf4_file_with_units_and_time_bit_for_bit(folder: Path
             assert signal.unit == unit
             assert np.array_equal(signal.timestamps, T)
             assert expected is None or np.array_equal(signal.samples, expected, equal_nan=True)
+
+
+def test_rpc3_files_keep_the_uniform_time_base_and_the_gaps(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from rig.errors import FileProblem
+    from rig.recording.external_tests import ImportSettings, read_tests
+
+    (file,) = export(folder, "rpc", folder / "out")
+    (test,) = read_tests([file], ImportSettings({"displacement": "displacement_m", "force": "force_N"}, 0.5))
+    assert test.time_s == pytest.approx(T - T[0], abs=1e-12)
+    assert test.displacement_m == pytest.approx(X, rel=1e-7, abs=0.0)
+    assert np.array_equal(np.isnan(test.force_N), np.isnan(FORCE))
+    assert b"RIG.CURRENT_A" in file.read_bytes()
+    with pytest.raises(FileProblem, match="1 of 50 samples are missing, which 16-bit integers cannot express"):
+        export(folder, "rpc16", folder / "16")
+    assert not (folder / "16").exists()
+    uneven = RecordedPoint.from_arrays(
+        time_s=T * (1.0 + T), displacement_m=X, force_N=FORCE, id="p1", waveform="sine", amplitude_m=0.01,
+        frequency_Hz=1.114, current_A=0.5,
+    )  # fmt: skip
+    monkeypatch.setattr(Run, "open", lambda path: Run(path, (uneven,)))
+    with pytest.raises(FileProblem, match="not on a uniform time grid"):
+        export(folder, "rpc", folder / "out")

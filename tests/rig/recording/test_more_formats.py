@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime as dt
 import io
+import string
 import struct
 import sys
 import zipfile
@@ -14,10 +15,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.io import savemat
 
 from rig.errors import FileProblem
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.file_formats.rpc3_file import Rpc3Channel, Rpc3File, encoded
 from rig.recording.file_formats.table_file import Dialect
 
 ROWS = 500
@@ -164,7 +168,7 @@ def struct_array_73(path: Path) -> None:
 
 
 def rpc3(path: Path, *, kind: str = "SHORT_INTEGER", frame: int = 64, group: int = 128, padded: bool = True,
-         form: str = "BINARY_IEEE_LITTLE_END", drop: str = "") -> None:  # fmt: skip
+         form: str = "BINARY_IEEE_LITTLE_END", drop: str = "", **changed: str) -> None:  # fmt: skip
     frames = -(-ROWS // frame)
     scales = (0.001, 0.05)
     keys = {
@@ -174,6 +178,7 @@ def rpc3(path: Path, *, kind: str = "SHORT_INTEGER", frame: int = 64, group: int
         "DESC.CHAN_1": "Stroke", "UNITS.CHAN_1": "mm", "SCALE.CHAN_1": str(scales[0]),
         "DESC.CHAN_2": "Load", "UNITS.CHAN_2": "N", "SCALE.CHAN_2": str(scales[1]),
     }  # fmt: skip
+    keys |= changed
     keys.pop(drop, None)
     head = b"".join(key.encode().ljust(32, b"\0") + value.encode().ljust(96, b"\0") for key, value in keys.items())
     whole = np.zeros((2, frames * frame))
@@ -288,15 +293,51 @@ def test_tables_of_matlab_are_named_where_they_cannot_be_read(tmp_path: Path, mo
         read(tmp_path / "a.mat", COLUMNS)
 
 
+RPC_COLUMNS = {"displacement": "Stroke", "force": "Load"}
+
+
 def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
-    for options, says in (({"drop": "DELTA_T"}, "keyword 'DELTA_T' is missing"), ({"form": "ASCII"}, "expected")):
-        rpc3(tmp_path / "a.rsp", **options)  # type: ignore[arg-type]
+    for options, says in (
+        ({"drop": "DELTA_T"}, "keyword 'DELTA_T' is missing"), ({"form": "ASCII"}, "expected"),
+        ({"drop": "SCALE.CHAN_2"}, "the file states the unit 'counts', which is not a unit of force"),
+        ({"FRAMES": "0"}, "FRAMES = 0: the recording was not finished"),
+        ({"SCALE.CHAN_1": "0.0"}, r"SCALE\.CHAN_1 = '0\.0', expected a finite number other than 0"),
+        ({"CHANNELS": "-1"}, "impossible sizes"), ({"PTS_PER_GROUP": "9" * 12}, "at most"),
+        ({"DELTA_T": "nan"}, "impossible sizes"), ({"NUM_HEADER_BLOCKS": "7"}, "truncated"),
+    ):  # fmt: skip
+        rpc3(tmp_path / "a.rsp", **options)
         with pytest.raises(FileProblem, match=says):
-            read(tmp_path / "a.rsp", COLUMNS)
-    rpc3(tmp_path / "b.rsp")
-    (tmp_path / "b.rsp").write_bytes((tmp_path / "b.rsp").read_bytes()[:-200])
-    with pytest.raises(FileProblem, match="is truncated or damaged"):
-        read(tmp_path / "b.rsp", COLUMNS)
+            read(tmp_path / "a.rsp", RPC_COLUMNS)
+    rpc3(tmp_path / "a.rsp")
+    whole = (tmp_path / "a.rsp").read_bytes()
+    for end in range(512, len(whole), 256):  # recordings that were cut off
+        (tmp_path / "a.rsp").write_bytes(whole[:end])
+        with pytest.raises(FileProblem, match=r"truncated|missing"):
+            read(tmp_path / "a.rsp", RPC_COLUMNS)
+    (tmp_path / "a.rsp").write_bytes(whole + b"12345")
+    assert "12 samples at the end left out" in (read_as := read(tmp_path / "a.rsp", RPC_COLUMNS)[0].read_as)
+    assert "5 bytes after the last sample ignored" in read_as
+
+
+@given(
+    st.integers(1, 4), st.integers(3, 600), st.booleans(), st.text("ä %.mkN" + string.ascii_letters, max_size=60),
+    st.floats(1e-6, 1e6), st.floats(1e-5, 1.0), st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=25, deadline=None)
+def test_what_is_written_as_rpc3_is_read_again(
+    count: int, rows: int, integers: bool, name: str, size: float, step_s: float, seed: int
+) -> None:
+    values = size * np.random.default_rng(seed).normal(size=(count, rows)) + size
+    channels = [Rpc3Channel(f"{k}{name}", "kN", one) for k, one in enumerate(values)]
+    written = encoded(channels, step_s, {"RIG.ID": "p001"}, integers=integers)
+    file = Rpc3File(Path("a.rsp"), written)
+    assert [(one.name, one.unit) for one in file.columns] == [(f"{k}{name}".strip(), "kN") for k in range(count)]
+    within = np.max(np.abs(values), axis=1) * (0.5 / 32752 if integers else 6e-8)
+    for k, one in enumerate(file.values(range(count))):
+        assert one.shape == (rows,)
+        assert np.max(np.abs(one - values[k])) <= within[k]
+    assert file.own_time([0])[1] == pytest.approx(step_s, rel=1e-14)
+    assert (len(written) % 512, written[:6], written[32:40]) == (0, b"FORMAT", b"BINARY_I")
 
 
 @pytest.mark.few(3)
