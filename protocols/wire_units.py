@@ -29,6 +29,7 @@ UNITS: Mapping[str, Unit] = {
     "m/s": Unit("speed", 1.0), "mm/s": Unit("speed", 1e-3), "cm/s": Unit("speed", 1e-2), "um/s": Unit("speed", 1e-6),
     "mm/min": Unit("speed", 1e-3 / 60.0), "m/min": Unit("speed", 1.0 / 60.0), "in/s": Unit("speed", INCH_M),
     "in/min": Unit("speed", INCH_M / 60.0), "ft/s": Unit("speed", FOOT_M), "ft/min": Unit("speed", FOOT_M / 60.0),
+    "km/h": Unit("speed", 1.0 / 3.6), "mph": Unit("speed", 5280.0 * FOOT_M / 3600.0),
     "m/s^2": Unit("acceleration", 1.0), "mm/s^2": Unit("acceleration", 1e-3), "in/s^2": Unit("acceleration", INCH_M),
     "ft/s^2": Unit("acceleration", FOOT_M),
     "g": Unit("acceleration", STANDARD_GRAVITY_M_S2),

@@ -65,7 +65,7 @@ LBF_PER_INCH = wire_units.POUND_FORCE_N / wire_units.INCH_M
 
 UNITS = {
     **_shared("m", "mm", "cm", "um", "in", "mil", "ft"),
-    **_shared("m/s", "mm/s", "cm/s", "um/s", "mm/min", "m/min", "in/s", "in/min", "ft/s", "ft/min"),
+    **_shared("m/s", "mm/s", "cm/s", "um/s", "mm/min", "m/min", "in/s", "in/min", "ft/s", "ft/min", "km/h", "mph"),
     **_shared("m/s^2", "mm/s^2", "in/s^2", "ft/s^2"),
     **_shared("N", "kN", "mN", "daN", "MN", "lbf", "kip", "ozf", "gf", "kgf", "tf"),
     **_shared("Hz", "kHz", "mHz", "rpm", "s", "ms", "us", "min", "h"),

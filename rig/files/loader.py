@@ -201,6 +201,9 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
             homes.append("the top of the file, before the first table")
     if homes:
         return f"this key is not allowed here. Fix: move it to {' or '.join(homes)}"
+    other_names: Mapping[str, str] = getattr(section, "other_names", {})
+    if key in other_names:
+        return f"unknown key; did you mean {other_names[key]}?"
     known = keys_of(section)
     near = near_names(key, [*known, *suffixed_keys(section)])
     return f"unknown key; did you mean {near[0]}?" if near else f"unknown key; allowed here: {', '.join(known)}"

@@ -118,7 +118,7 @@ class Matrix(Section):
         sweep = self.sweep
         rows = [row for waveform in sweep.waveform for row in self._of(waveform)]
         for item in self.extra:
-            row = self._point(item.waveform, item.amplitude_m, item.frequency_Hz, item.current_A)
+            row = self._point(item.waveform, *item.motion, item.current_A)
             rows.append(replace(row, id=item.id or "", cycles=item.cycles or sweep.cycles))
         points: list[TestPoint] = []
         for repeat in range(1, sweep.repeats + 1):
@@ -133,9 +133,7 @@ class Matrix(Section):
         if waveform not in SIGNAL_NAMES:
             return [
                 self._point(waveform, amplitude_m, frequency_Hz, current_A)
-                for current_A, amplitude_m, frequency_Hz in product(
-                    sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz
-                )
+                for current_A, (amplitude_m, frequency_Hz) in product(sweep.current_A, sweep.size.motions(waveform))
             ]
         return [
             replace(
@@ -197,20 +195,19 @@ class Matrix(Section):
 
     def _counted(self) -> Iterator[Problem]:
         sweep = self.sweep
-        cyclic = [name for name in sweep.waveform if name not in SIGNAL_NAMES]
-        sizes = [len(values) for values in (cyclic, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz)]
+        axes = {"waveforms": len(sweep.cyclic), "currents": len(sweep.current_A), **sweep.size.axes}
         signals = len(sweep.current_A) * sum(len(table.records) for table in sweep.signals.values())
-        count = (math.prod(sizes) + signals + len(self.extra)) * sweep.repeats
+        count = (math.prod(axes.values()) + signals + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         if count == 0:
             yield (), "no test points are defined. Fix: complete [matrix], or add a [[point]]"
         if count > POINT_LIMIT:
-            product_of = " x ".join(map(str, sizes))
+            product_of = f"{' x '.join(map(str, axes.values()))} {' x '.join(axes)}"
             yield (), (
-                f"the matrix contains {count} test points: ({product_of} waveforms x currents x amplitudes x "
-                f"frequencies + {signals} signals + {len(self.extra)} [[point]]) x {sweep.repeats} repeats; allowed: "
-                f"at most {POINT_LIMIT}. Fix: split the matrix"
+                f"the matrix contains {count} test points: ({product_of} + {signals} signals + "
+                f"{len(self.extra)} [[point]]) x {sweep.repeats} repeats; allowed: at most {POINT_LIMIT}. Fix: split "
+                "the matrix"
             )
 
     def _heat_known(self) -> Iterator[Problem]:

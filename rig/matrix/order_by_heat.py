@@ -158,8 +158,7 @@ def warm_up_point(points: Sequence[TestPoint], forecast: Forecast, temperature: 
         return TestPoint(
             "warm-up",
             SINE.name,
-            warm_up.amplitude_m,
-            warm_up.frequency_Hz,
+            *warm_up.motion,
             warm_up.current_A,
             centre_m=points[0].centre_m,
         )

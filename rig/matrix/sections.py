@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import Field, PrivateAttr, create_model, field_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    create_model,
+    field_validator,
+    model_serializer,
+)
 
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
@@ -20,6 +27,17 @@ from rig.files.section import Section
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
 from rig.matrix.corrections import CORRECTIONS, SETTINGS, Correction
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
+from rig.matrix.motion_size import (
+    LATER,
+    OTHER_NAMES,
+    SPEED,
+    STROKE,
+    Amplitude,
+    Frequency,
+    MotionSize,
+    PeakSpeed,
+    Stroke,
+)
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
@@ -31,8 +49,6 @@ NARROWEST_WINDOW_K = 2.0
 
 WaveformName = Literal[WAVEFORM_NAMES]  # type: ignore[valid-type]  # one list serves the schema and the message
 MotionName = Literal[(*WAVEFORM_NAMES, *SIGNAL_NAMES)]  # type: ignore[valid-type]  # the same
-Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
-Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
 CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
 CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC")]
 Cycles = Annotated[int, Field(ge=3, le=10_000, description="number of cycles at full amplitude; the first and the "
@@ -98,15 +114,57 @@ class Specimen(Section):
         return of_set(self.prior) if self.prior is not None and not is_fit_file(self.prior) else self._fitted
 
 
-class Sweep(Section):
+class Motions(Section):
+    """Base of the tables that describe cyclic motions by amplitude or stroke, frequency or peak speed."""
+
+    other_names: ClassVar[Mapping[str, str]] = OTHER_NAMES
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Later entries that are not used are left out: digests of earlier files stay as they are."""
+        return {name: value for name, value in handler(self).items() if value or name not in LATER}
+
+
+class OneMotion(Motions):
+    """Base of the tables that describe one cyclic motion; each has its own entries, whose order digests know."""
+
+    @property
+    def size(self) -> MotionSize:
+        """What the table states of it."""
+        stated = (getattr(self, name) for name in ("amplitude_m", "stroke_m", "frequency_Hz", "speed_m_s"))
+        return MotionSize.single(*stated)
+
+    @property
+    def form(self) -> str:
+        """Name of its waveform."""
+        return getattr(self, "waveform", SINE.name)
+
+    @property
+    def motion(self) -> tuple[float, float]:
+        """Amplitude (m) and frequency (Hz)."""
+        return self.size.motions(self.form)[0]
+
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        if missing := " and ".join(self.size.missing):
+            yield (), f'missing: {missing}. Fix: write, for example, stroke = "100 mm" and speed = "0.131 m/s"'
+        yield from self.size.problems((self.form,), listed=False)
+
+
+class Sweep(Motions):
     """The product of waveforms, currents, amplitudes and frequencies, and how each point is run.
 
-    Signals (`sweep`, `road`, `file`) have tables of their own; they are run at every current.
+    Of amplitude (or stroke), frequency and speed, any two are given. Signals (`sweep`, `road`, `file`) have tables of
+    their own; they are run at every current.
     """
 
     waveform: tuple[MotionName, ...] = Field(default=(SINE.name,), min_length=1)
     amplitude_m: tuple[Amplitude, ...] = Field(default=(), alias="amplitude")
+    stroke_m: tuple[Stroke, ...] = Field(default=(), alias="stroke", description=STROKE)
     frequency_Hz: tuple[Frequency, ...] = Field(default=(), alias="frequency")
+    speed_m_s: tuple[PeakSpeed, ...] = Field(
+        default=(), alias="speed", description=SPEED, examples=[["0.131 m/s", "10 in/s"]]
+    )
     current_A: tuple[CoilCurrent, ...] = Field(default=(), alias="current")
     cycles: Cycles = 10
     ramp_in_cycles: RampCycles = 1.0
@@ -132,10 +190,15 @@ class Sweep(Section):
     def _no_waveform_twice(cls, values: tuple[str, ...]) -> tuple[str, ...]:
         return _no_value_twice(values, str)
 
-    @field_validator("amplitude_m")
+    @field_validator("amplitude_m", "stroke_m")
     @classmethod
     def _no_amplitude_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
         return _no_value_twice(values, lambda value: show(value, "mm", 10))
+
+    @field_validator("speed_m_s")
+    @classmethod
+    def _no_speed_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        return _no_value_twice(values, lambda value: show(value, "m/s", 10))
 
     @field_validator("frequency_Hz")
     @classmethod
@@ -160,46 +223,57 @@ class Sweep(Section):
                 yield (name,), f'the table is not used. Fix: write waveform = ["{name}"], or remove the table'
 
     @property
-    def only_signals(self) -> bool:
-        """No waveform of the product has cycles."""
-        return all(name in SIGNAL_NAMES for name in self.waveform)
+    def cyclic(self) -> tuple[str, ...]:
+        """The waveforms with cycles."""
+        return tuple(name for name in self.waveform if name not in SIGNAL_NAMES)
+
+    @property
+    def size(self) -> MotionSize:
+        """What is stated of the cyclic motions."""
+        return MotionSize(self.amplitude_m, self.stroke_m, self.frequency_Hz, self.speed_m_s)
 
     def _product(self) -> Iterator[Problem]:
-        """Of waveforms with cycles amplitude, frequency and current are given, or none of them."""
-        given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
-        if self.only_signals:
+        """Of waveforms with cycles, current and two of amplitude, frequency and speed are given, or none of them."""
+        size = self.size
+        if not self.cyclic:
             if not self.current_A:
                 yield ("current",), 'is missing. Fix: write, for example, current = ["0 A"]'
             text = "applies only to cyclic waveforms, but no cyclic waveform is listed; signals have their own tables"
-            yield from (((key,), text) for key in ("amplitude", "frequency") if given[key])
+            yield from (((key,), text) for key in size.used)
             return
-        missing = [key for key, values in given.items() if not values]
-        if missing and len(missing) < len(given):
+        missing = [*size.missing, *(() if self.current_A else ("current",))]
+        if missing and (size.used or self.current_A):
             yield (), (
-                f"missing: {' and '.join(missing)}. Fix: specify amplitude, frequency and current, or none of them"
+                f"missing: {' and '.join(missing)}. Fix: specify current and two of amplitude (or stroke), frequency "
+                "and speed, or none of them"
             )
+        yield from size.problems(self.cyclic, listed=True)
 
     def _seeded(self) -> Iterator[Problem]:
         if self.order == "random" and self.seed is None:
             yield (), 'order = "random" requires a seed, for example seed = 1'
 
 
-class ExtraPoint(Section):
+class ExtraPoint(OneMotion):
     """One explicit point beside the sweep; what it does not say is as in `[matrix]`."""
 
     id: Identifier | None = None
     waveform: WaveformName = SINE.name
-    amplitude_m: Amplitude = Field(alias="amplitude")
-    frequency_Hz: Frequency = Field(alias="frequency")
+    amplitude_m: Amplitude | None = Field(default=None, alias="amplitude")
+    stroke_m: Stroke | None = Field(default=None, alias="stroke", description=STROKE)
+    frequency_Hz: Frequency | None = Field(default=None, alias="frequency")
+    speed_m_s: PeakSpeed | None = Field(default=None, alias="speed", description=SPEED)
     current_A: CoilCurrent = Field(alias="current")
     cycles: Cycles | None = None
 
 
-class WarmUp(Section):
+class WarmUp(OneMotion):
     """The motion that warms a cold damper; without it, the matrix's point with the largest forecast power."""
 
-    amplitude_m: Amplitude = Field(alias="amplitude")
-    frequency_Hz: Frequency = Field(alias="frequency")
+    amplitude_m: Amplitude | None = Field(default=None, alias="amplitude")
+    stroke_m: Stroke | None = Field(default=None, alias="stroke", description=STROKE)
+    frequency_Hz: Frequency | None = Field(default=None, alias="frequency")
+    speed_m_s: PeakSpeed | None = Field(default=None, alias="speed", description=SPEED)
     current_A: CoilCurrent = Field(alias="current")
 
 
@@ -341,9 +415,9 @@ def _no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple
     Raises:
         ValueError: one stands there twice; it is named as a user writes it.
     """
-    for value, count in Counter(values).items():
+    for value, count in Counter(map(written, values)).items():  # 0.254 m/s is 10 in/s, whatever the last bit
         if count > 1:
-            raise ValueError(f"duplicate value {written(value)}; to repeat points, set `repeats = N`")
+            raise ValueError(f"duplicate value {value}; to repeat points, set `repeats = N`")
     return values
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -108,7 +109,7 @@ def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
     [
         (HEAD, "no test point"),
         (HEAD + "[matrix]\nwaveform = []", "matrix.waveform = []: is empty"),
-        (HEAD + '[matrix]\namplitude = ["50 mm"]', "missing: frequency and current"),
+        (HEAD + '[matrix]\namplitude = ["50 mm"]', "missing: frequency (or speed) and current"),
         (HEAD + SWEEP + 'waveform = ["sinus"]', 'matrix.waveform[1] = "sinus": must be \'sine\', \'triangle\', '),
         (HEAD + SWEEP.replace('"0 A"', '"-1 A"'), "too small (allowed: 0 A to 20 A)"),
         (HEAD + SWEEP.replace('"0 A"', "1"), "the number 1 has no unit"),
@@ -162,3 +163,31 @@ def test_the_digest_follows_the_points_and_the_specimen_only(tmp_path: Path) -> 
 
 def test_the_methods_a_file_may_name_are_those_there_are() -> None:
     assert known_methods() == METHODS
+
+
+def test_stroke_and_peak_speed_give_amplitude_and_frequency_of_each_waveform(tmp_path: Path) -> None:
+    text = '[matrix]\nwaveform = ["sine", "triangle"]\nstroke = ["2 in"]\nspeed = ["10 in/s", "1 ft/s"]\n'
+    both = load(tmp_path, HEAD + text + 'current = ["0 A"]').points()
+    assert [point.peak_speed_m_s for point in both] == pytest.approx([0.254, 0.3048] * 2)
+    assert [point.amplitude_m for point in both] == pytest.approx([0.0254] * 4)
+    assert both[0].frequency_Hz == pytest.approx(0.254 / (math.tau * 0.0254))
+    assert both[2].frequency_Hz == pytest.approx(0.254 / (4.0 * 0.0254))
+    (point,) = load(tmp_path, HEAD + '[[point]]\nspeed = "0.131 m/s"\nfrequency = "90 rpm"\ncurrent = "1 A"').points()
+    assert (point.amplitude_m, point.frequency_Hz) == pytest.approx((0.131 / (math.tau * 1.5), 1.5))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('amplitude = ["20 mm"]\nfrequency = ["1 Hz"]\nspeed = ["0.1 m/s"]', "line 10: matrix.speed"),
+        ('amplitude = ["20 mm"]\nstroke = ["40 mm"]\nspeed = ["0.1 m/s"]', "line 9: matrix.stroke"),
+        ('speed = ["0.1 m/s"]', "missing: amplitude, stroke or frequency"),
+        ('stroke_mm = [0.0002]\nspeed = ["0.1 m/s"]', "1.592e+05 Hz for this speed (allowed: 0.001 Hz to 100 Hz)"),
+        ('frequency_Hz = [0.001]\nspeed = ["40 m/s"]', "6.366e+06 mm for this speed (allowed: up to 1 m)"),
+        ('stroke = ["2 in"]\nspeed = ["0.254 m/s", "10 in/s"]', "duplicate value 0.254 m/s"),
+        ('stroke = ["2 in"]\nvelocity = ["10 in/s"]', "did you mean speed"),
+    ],
+)
+def test_a_motion_that_is_stated_twice_or_not_at_all_is_refused(tmp_path: Path, text: str, expected: str) -> None:
+    (problem,) = problems(tmp_path, f'{HEAD}[matrix]\ncurrent = ["0 A"]\n{text}\n')
+    assert expected in problem
