@@ -1,8 +1,8 @@
 """Amplitude and frequency of cyclic motions, from any two of amplitude (or stroke), frequency and peak speed.
 
 A damper test is specified as a stroke and peak speeds, a vibration test as amplitudes and frequencies. The peak speed
-of a waveform is its `peak_velocity` times frequency times amplitude: 2 pi f A of a sine, 4 f A of a triangle (PHYSICS 1, 2).
-In `[matrix]` each of the three is a list; in `[[point]]` and `[temperature.warm_up]` each is one value.
+of a waveform is its `peak_velocity` times frequency times amplitude: 2 pi f A of a sine, 4 f A of a triangle
+(PHYSICS 1, 2). In `[matrix]` each of the three is a list; in `[[point]]` and `[temperature.warm_up]` it is one value.
 """
 
 from __future__ import annotations
