@@ -6,16 +6,20 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rig.cli.check_tables import check_blocks
+from rig.cli.junit import junit_option, junit_report, take_check
 from rig.cli.listening import listen as listened
 from rig.cli.listening import listen_options
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED
+
+if TYPE_CHECKING:
+    from rig.check.finding import CheckReport
 
 
 @click.command(
@@ -39,10 +43,11 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 )
 @click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices in BENCH) and check it.")
 @listen_options
+@junit_option
 @json_option
 def command(
-    bench: str | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, listen: bool, as_json: bool,
-    **of_listening: Any,  # noqa: ANN401 - click's, by their names
+    bench: str | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, listen: bool,
+    junit: Path | None, as_json: bool, **of_listening: Any,  # noqa: ANN401 - click's, by their names
 ) -> int:  # fmt: skip
     """Check every device in BENCH: connection, identity, data layout, sampling rate, noise, zero and watchdog.
 
@@ -57,10 +62,13 @@ def command(
         simulator_args, bench = (bench, *simulator_args), None
     _only_with_listen(of_listening, listen=listen)
     if listen:
-        _only_listens(others=prove or simulate or bool(simulator_args))
+        _only_listens(others=prove or simulate or bool(simulator_args) or junit is not None)
         return listened(bench, of_listening, as_json=as_json)
-    return _check(None if bench is None else Path(bench), simulator_args, prove=prove, simulate=simulate,
-                  as_json=as_json)  # fmt: skip
+    with junit_report(junit, "check", bench=bench) as report:
+        checked = _checked(None if bench is None else Path(bench), simulator_args, prove=prove, simulate=simulate,
+                           as_json=as_json)  # fmt: skip
+        take_check(report, checked)
+    return EXIT_DONE if checked.passed else EXIT_REFUSED
 
 
 def _only_listens(*, others: bool) -> None:
@@ -70,7 +78,7 @@ def _only_listens(*, others: bool) -> None:
         UsageError: there are any.
     """
     if others:
-        raise click.UsageError("--listen cannot be combined with --prove, --simulate or arguments after --")
+        raise click.UsageError("--listen cannot be combined with --prove, --simulate, --junit or arguments after --")
 
 
 def _only_with_listen(options: Mapping[str, object], *, listen: bool) -> None:
@@ -85,10 +93,10 @@ def _only_with_listen(options: Mapping[str, object], *, listen: bool) -> None:
         raise click.UsageError(f"{', '.join(given)}: only allowed with --listen")
 
 
-def _check(
+def _checked(
     bench: Path | None, simulator_args: tuple[str, ...], *, prove: bool, simulate: bool, as_json: bool
-) -> int:
-    """Check the devices and show what was found; returns the exit code.
+) -> CheckReport:
+    """Check the devices and show what was found.
 
     Raises:
         UsageError: there is no bench, or there are arguments for a simulated rig where there is none.
@@ -108,7 +116,7 @@ def _check(
         write_json(report.to_json())
     else:
         show(check_blocks(report), shown)
-    return EXIT_DONE if report.passed else EXIT_REFUSED
+    return report
 
 
 def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulate: bool) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.campaign.results import CampaignOptions, CampaignResult
+    from rig.cli.junit import JUnitReport
     from rig.cli.page import RunLink
     from rig.matrix.sections import Identify
 
@@ -143,18 +144,28 @@ def hangups_interrupt() -> Iterator[None]:
 
 
 def run_job(
-    options: CampaignOptions, identify: Identify | None, console: Console, live: RunLink | None = None
+    options: CampaignOptions, identify: Identify | None, console: Console, live: RunLink | None = None,
+    junit: JUnitReport | None = None,
 ) -> JobResult:
     """Run a campaign with its display, then identify what it recorded (unless it was stopped) and report it.
+
+    Args:
+        options: of the campaign.
+        identify: what is to be fitted; None: nothing.
+        console: where the display is shown.
+        live: the page; None: there is none.
+        junit: takes the points as they end; None: nothing is written.
 
     Raises:
         RigError: refused before a campaign directory exists.
     """
     from rig.cli.display import display_for
+    from rig.cli.junit import JUnitDisplay
 
     with hangups_interrupt(), Analyst() as analyst:
         with display_for(console) as display:
-            result = run_campaign(options, display, None if live is None else live.link)
+            shown = display if junit is None or junit.path is None else JUnitDisplay(display, junit)
+            result = run_campaign(options, shown, None if live is None else live.link)
         if live is not None:
             live.ended(result)
         recorded = [point for point in result.points if point.file is not None]

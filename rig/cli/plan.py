@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from rig.cli.junit import junit_option, junit_report, take_plan
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, write_json
 from rig.clock import utc_now
@@ -27,8 +28,9 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
     "--all", "everything", is_flag=True,
     help="Show every point. By default, long plans are summarised by group.",
 )
+@junit_option
 @json_option
-def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
+def command(matrix: Path, bench: Path, everything: bool, junit: Path | None, as_json: bool) -> int:
     """Check every point of MATRIX against the limits of a bench, without connecting to any device.
 
     For each point outside the limits, the output shows the reasons and the largest amplitude within the limits; the
@@ -42,12 +44,14 @@ def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     from rig.matrix.model import load_files
     from rig.matrix.plan import plan
 
-    tests, loaded = load_files(matrix, bench)
-    check_analysis(matrix, tests)
-    check_requirements(loaded, tests)
-    overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
-    result = plan(tests, loaded)
-    result = replace(result, warnings=(*result.warnings, *overdue))
+    with junit_report(junit, "plan", matrix=matrix, bench=bench) as report:
+        tests, loaded = load_files(matrix, bench)
+        check_analysis(matrix, tests)
+        check_requirements(loaded, tests)
+        overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
+        result = plan(tests, loaded)
+        result = replace(result, warnings=(*result.warnings, *overdue))
+        take_plan(report, result)
     if as_json:
         write_json(result.to_json())
     else:

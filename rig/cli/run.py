@@ -12,6 +12,7 @@ import click
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
+from rig.cli.junit import junit_option, junit_report, take_job
 from rig.cli.options import Command, RunPath, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.cli.page import live_link, page_options, page_settings
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
+@junit_option
 @json_option
 def command(
     matrix: Path | None,
@@ -83,7 +85,7 @@ def command(
     page_address: str | None,
     page_cert: Path | None, page_key: Path | None,
     hold: bool, stay: bool,
-    out: Path, as_json: bool, must_be_hybrid: bool,
+    out: Path, junit: Path | None, as_json: bool, must_be_hybrid: bool,
 ) -> int:
     """Run MATRIX on a rig: check the rig, record every point, identify the damper and write the report.
 
@@ -95,46 +97,49 @@ def command(
     uses the same bench, or a simulated rig if the campaign was simulated. By using --resume, you confirm that the cause
     of the stop (printed by the command) has been investigated and eliminated.
     """
-    if resume is not None and matrix is not None and str(matrix).startswith("-"):
-        matrix, simulator_args = None, (str(matrix), *simulator_args)
-    if real_time:
-        simulator_args = (*simulator_args, "--real-time")
-    _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
-    words = _requalified(requalified, resume)
-    settings = page_settings(page_address, page_cert, page_key, enabled=page, hold=hold, stay=stay)
-    # loads numpy and pyserial: not needed for the help
-    from rig.campaign.results import CampaignOptions
-    from rig.cli.analysis_check import check_analysis
-    from rig.cli.job import run_job
-    from rig.matrix.model import load_files, load_matrix
+    with junit_report(junit, "run", matrix=matrix, bench=bench, resume=resume) as report:
+        if resume is not None and matrix is not None and str(matrix).startswith("-"):
+            matrix, simulator_args = None, (str(matrix), *simulator_args)
+        if real_time:
+            simulator_args = (*simulator_args, "--real-time")
+        _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
+        words = _requalified(requalified, resume)
+        settings = page_settings(page_address, page_cert, page_key, enabled=page, hold=hold, stay=stay)
+        # loads numpy and pyserial: not needed for the help
+        from rig.campaign.results import CampaignOptions
+        from rig.cli.analysis_check import check_analysis
+        from rig.cli.job import run_job
+        from rig.matrix.model import load_files, load_matrix
 
-    path = _matrix_path(matrix, resume)
-    tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
-    if must_be_hybrid:
-        _refuse_without_hybrid(tests, path)
-    simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
-    bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
-    identify = tests.identify
-    if not no_identify:
-        check_analysis(path, tests)
-    options = CampaignOptions(
-        matrix_path=path,
-        out=out,
-        bench_path=bench,
-        simulate=simulate,
-        speed=_speed(speed, resume),
-        seed=0 if seed is None else seed,
-        simulator_args=simulator_args,
-        resume_path=resume, requalified=words,
-        attended=_attended(as_json=as_json),
-    )
-    shown = console(as_json=as_json)
-    with live_link(settings, held=hold) as live:
-        result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown, live)
-        _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
-        if stay:
-            _stay(live, result)
-    return result.exit_code
+        path = _matrix_path(matrix, resume)
+        tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
+        if must_be_hybrid:
+            _refuse_without_hybrid(tests, path)
+        simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
+        bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
+        identify = tests.identify
+        if not no_identify:
+            check_analysis(path, tests)
+        options = CampaignOptions(
+            matrix_path=path,
+            out=out,
+            bench_path=bench,
+            simulate=simulate,
+            speed=_speed(speed, resume),
+            seed=0 if seed is None else seed,
+            simulator_args=simulator_args,
+            resume_path=resume, requalified=words,
+            attended=_attended(as_json=as_json),
+        )
+        shown = console(as_json=as_json)
+        wanted = identify if tests.wants_fit and not no_identify else None
+        with live_link(settings, held=hold) as live:
+            result = run_job(options, wanted, shown, live, report)
+            take_job(report, result, wants_fit=wanted is not None)
+            _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
+            if stay:
+                _stay(live, result)
+        return result.exit_code
 
 
 def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.cli.junit import junit_option, junit_report, take_scenario
 from rig.cli.main import answered
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
+    from rig.cli.junit import JUnitReport
     from simulators.scenarios.request import ScenarioRequest
 
 FILE = click.Path(path_type=Path)
@@ -47,10 +49,11 @@ FILE = click.Path(path_type=Path)
 @click.option("--shrink", is_flag=True, help="Reduce each failing scenario to the smallest one that still fails.")
 @click.option("--jobs", type=click.IntRange(1, 1024), default=os.cpu_count() or 1, show_default=True,
               help="Number of parallel processes.")
+@junit_option
 @json_option
 def command(
     seeds: str, bench: Path | None, matrix: Path | None, events: tuple[str, ...], happening: tuple[str, ...],
-    as_json: bool, **ways: Any,  # noqa: ANN401 - click's own
+    junit: Path | None, as_json: bool, **ways: Any,  # noqa: ANN401 - click's own
 ) -> int:  # fmt: skip
     """Run campaigns in random scenarios and check the safety and data rules in each scenario.
 
@@ -65,11 +68,12 @@ def command(
 
     if happening:
         say("rig: `--happening` is now `--event`; the old name will be removed in 2.0", err=True)
-    seed_range = seeds_of(seeds)
-    _check_usage(seed_range, ways)
-    request = request_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
-    _check_trace(ways["trace"], request)
-    return _run(seed_range, request, ways, as_json=as_json)
+    with junit_report(junit, "scenarios", seeds=seeds, bench=bench, matrix=matrix) as report:
+        seed_range = seeds_of(seeds)
+        _check_usage(seed_range, ways)
+        request = request_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
+        _check_trace(ways["trace"], request)
+        return _run(seed_range, request, ways, report, as_json=as_json)
 
 
 def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
@@ -96,7 +100,9 @@ def _check_trace(path: Path | None, request: ScenarioRequest) -> None:
             raise click.BadParameter(words, param_hint="--trace")
 
 
-def _run(seeds: range, request: ScenarioRequest, ways: dict[str, Any], *, as_json: bool) -> int:
+def _run(
+    seeds: range, request: ScenarioRequest, ways: dict[str, Any], report: JUnitReport, *, as_json: bool
+) -> int:
     """Run them all; how far it is on the standard error.
 
     Raises:
@@ -119,6 +125,7 @@ def _run(seeds: range, request: ScenarioRequest, ways: dict[str, Any], *, as_jso
             )
             for scenario in run:
                 telling.ended(scenario)
+                take_scenario(report, scenario.seed, scenario.failed, request.again(scenario.seed), scenario.wall_s)
         for seed in telling.failed_seeds if ways["shrink"] else ():
             in_a_worker(show_smallest, seed, request)
     except KeyboardInterrupt:
