@@ -27,7 +27,6 @@ from rig.recording.atomic_write import write_durably
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, Display, PointResult
     from rig.check.finding import CheckReport, DeviceReport
-    from rig.cli.job import JobResult
     from rig.matrix.plan import Plan
 
 NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -251,12 +250,18 @@ def point_case(point: PointResult, time_s: float, result: CampaignResult | None 
     return Case(name, Outcome.FAILURE, slug, "\n".join([point.verdict, *point.reasons]), time_s)
 
 
-def take_job(report: JUnitReport, job: JobResult, *, wants_fit: bool) -> None:
-    """Put the result of a campaign and its identification into the report."""
+def take_campaign(report: JUnitReport, result: CampaignResult, identified: tuple[bool, str | None] | None) -> None:
+    """Put the result of a campaign and its identification into the report.
+
+    Args:
+        report: of the command.
+        result: of the campaign.
+        identified: whether there is a fit, and why there is none (None: the campaign was stopped before); None if no
+            fit was requested.
+    """
     # loads numpy: not needed for the help
     from rig.cli.words import error_words
 
-    result = job.campaign
     times_s = {name: case.time_s for name, case in report.cases.items()}
     report.cases = {point.id: point_case(point, times_s.get(point.id, 0.0), result) for point in result.points}
     report.properties["campaign"] = str(result.campaign)
@@ -267,10 +272,11 @@ def take_job(report: JUnitReport, job: JobResult, *, wants_fit: bool) -> None:
         state = "" if result.stop is None else f"\n{result.stop.state_text}"
         campaign = Case("campaign", Outcome.ERROR, result.stopped_by or "refused", f"{error_words(result)}{state}")
     report.cases["campaign"] = campaign
-    if wants_fit:
-        skipped = job.fit is None and job.error is None
-        outcome = Outcome.SKIPPED if skipped else Outcome.PASSED if job.error is None else Outcome.FAILURE
-        text = job.error or "not run" * skipped
+    if identified is not None:
+        fitted, error = identified
+        skipped = not fitted and error is None
+        outcome = Outcome.SKIPPED if skipped else Outcome.PASSED if error is None else Outcome.FAILURE
+        text = error or "not run" * skipped
         report.cases["identification"] = Case("identification", outcome, "identification" * (not skipped), text)
     report.complete()  # the page may stay open for hours
 

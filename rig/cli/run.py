@@ -12,7 +12,7 @@ import click
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
-from rig.cli.junit import junit_option, junit_report, take_job
+from rig.cli.junit import junit_option, junit_report, take_campaign
 from rig.cli.options import Command, RunPath, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.cli.page import live_link, page_options, page_settings
@@ -135,7 +135,7 @@ def command(
         wanted = identify if tests.wants_fit and not no_identify else None
         with live_link(settings, held=hold) as live:
             result = run_job(options, wanted, shown, live, report)
-            take_job(report, result, wants_fit=wanted is not None)
+            take_campaign(report, result.campaign, None if wanted is None else (result.fit is not None, result.error))
             _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
             if stay:
                 _stay(live, result)

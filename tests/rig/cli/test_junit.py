@@ -18,8 +18,7 @@ from click.testing import CliRunner
 
 from rig.campaign.results import CampaignResult, PointResult, RigState, StopReport
 from rig.check.finding import CheckReport, DeviceReport, failed, warning
-from rig.cli.job import JobResult
-from rig.cli.junit import JUnitDisplay, junit_report, take_check, take_job, take_scenario
+from rig.cli.junit import JUnitDisplay, junit_report, take_check, take_campaign, take_scenario
 from rig.cli.main import cli
 from rig.errors import FileProblem, Refused
 from rig.test_point import TestPoint
@@ -44,8 +43,8 @@ def read(path: Path) -> dict[str, tuple[str, str, str]]:
         if outcome is not None:
             counts[outcome.tag] += 1
             assert set(outcome.attrib) == ({"message"} if outcome.tag == "skipped" else {"message", "type"})
-        given = {} if outcome is None else outcome.attrib
-        tests[case.attrib["name"]] = ("" if outcome is None else outcome.tag, given.get("type", ""), given.get("message", ""))
+        given, tag = ({}, "") if outcome is None else (outcome.attrib, outcome.tag)
+        tests[case.attrib["name"]] = (tag, given.get("type", ""), given.get("message", ""))
     assert int(suite.attrib["tests"]) == len(tests)
     stated = {"failure": "failures", "error": "errors", "skipped": "skipped"}
     assert counts == {name: int(suite.attrib[attribute]) for name, attribute in stated.items()}
@@ -58,17 +57,19 @@ def point(name: str, verdict: str, *reasons: str) -> PointResult:
 
 
 STOP = StopReport("S1", "estop", True, True, True, True, "p003", "c", halted=True)
-RESULT = CampaignResult(
-    Path("logs/run"), (point("p001", "valid"), point("p002", "suspect", "lost-samples: 3 lost"), point("p003", "invalid"),
-                       point("p004", "not run")), 1, 4, RigState.SAFE, "estop", "the e-stop chain is open", False, 9.0, 8.0,
-    stop=STOP,
+POINTS = (
+    point("p001", "valid"), point("p002", "suspect", "lost-samples: 3 lost"), point("p003", "invalid"),
+    point("p004", "not run"),
 )  # fmt: skip
+RESULT = CampaignResult(
+    Path("logs/run"), POINTS, 1, 4, RigState.SAFE, "estop", "the e-stop chain is open", False, 9.0, 8.0, stop=STOP
+)
 
 
 def test_points_of_a_stopped_campaign_pass_fail_or_are_skipped_with_the_cause(tmp_path: Path) -> None:
     path = tmp_path / "run.xml"
     with junit_report(path, "run", matrix="a.toml", bench=None) as report:
-        take_job(report, JobResult(RESULT), wants_fit=True)
+        take_campaign(report, RESULT, (False, None))
         assert "unfinished" not in read(path)  # a page may stay open for hours from here on
     assert read(path) == {
         "p001 sine 50 mm 1 Hz 0.5 A": ("", "", ""),
@@ -83,7 +84,7 @@ def test_points_of_a_stopped_campaign_pass_fail_or_are_skipped_with_the_cause(tm
 def test_a_complete_campaign_without_a_fit_fails_its_identification(tmp_path: Path) -> None:
     whole = replace(RESULT, points=RESULT.points[:1], total=1, stopped_by=None, detail="", stop=None)
     with junit_report(tmp_path / "run.xml", "run") as report:
-        take_job(report, JobResult(whole, error="no point is valid"), wants_fit=True)
+        take_campaign(report, whole, (False, "no point is valid"))
     tests = read(tmp_path / "run.xml")
     assert tests["campaign"] == ("", "", "")
     assert tests["identification"] == ("failure", "identification", "no point is valid")
@@ -128,7 +129,8 @@ def test_a_file_that_cannot_be_written_is_refused_at_the_start_and_a_warning_at_
 
 
 def test_devices_fail_with_causes_and_fixes_and_pass_with_warnings(tmp_path: Path) -> None:
-    sensor = DeviceReport("load_cell", [warning("sample-rate", "slow", "w"), failed("unreachable", "refused", "plug in")])
+    findings = [warning("sample-rate", "slow", "w"), failed("unreachable", "refused", "plug in")]
+    sensor = DeviceReport("load_cell", findings)
     check = CheckReport("my bench", (sensor, DeviceReport("lvdt", [warning("noisy", "noise", "shield")])), proved=False)
     with junit_report(tmp_path / "x.xml", "check") as report:
         take_check(report, check)
