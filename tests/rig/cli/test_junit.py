@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from rig.campaign.results import CampaignResult, PointResult, RigState, StopReport
 from rig.check.finding import CheckReport, DeviceReport, failed, warning
-from rig.cli.junit import JUnitDisplay, junit_report, take_check, take_campaign, take_scenario
+from rig.cli.junit import JUnitDisplay, junit_report, take_campaign, take_check, take_scenario
 from rig.cli.main import cli
 from rig.errors import FileProblem, Refused
 from rig.test_point import TestPoint
