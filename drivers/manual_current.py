@@ -18,8 +18,7 @@ PERIOD_S = 0.010
 _MISSING = (
     ("measurement", "the coil current is not measured: the recorded current is the value that the operator "
         "confirmed; a different current (due to a setting error, heating or a broken coil) is not detected, and "
-        "overcurrent, "
-        "current-tracking and current-stuck cannot stop the rig"),
+        "overcurrent, current-tracking and current-stuck cannot stop the rig"),
     ("switch", "a stop cannot switch the current off: the motion stops, the pressure is switched off, and the "
         "operator is asked to set 0 A; force, stroke, speed and position are monitored as usual"),
     ("coil-temperature", "the coil's temperature is not measured: its limit is not monitored, and temperature "

@@ -292,8 +292,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True,
               help="Simulated seconds per real second (upper limit).")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for noise, clock "
-    "offsets "
-    "and drifts.")
+    "offsets and drifts.")
 @click.option("--truth", type=FILE, help="Write the true state of the simulated rig to this HDF5 file.")
 @click.option("--bench", type=FILE, help="Write the bench file to this path instead of a temporary folder.")
 @click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False),
@@ -322,8 +321,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
     "channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
               help="How the sensors are connected; by-id: device names with serial numbers.  [default: pty, or by-id "
-                   "if "
-                  "a fault requires it]")
+                   "if a fault requires it]")
 @click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
               help="Controller: Modbus TCP, Modbus RTU (port as in --ports), or streamed set-points over TCP without a "
                   "function generator.  [default: tcp, unless a fault requires another one]")

@@ -19,8 +19,7 @@ from drivers.devices.ecu_description import (
 WITHOUT: Mapping[str, str] = {
     "timeout": (
         "no command time-out is specified (command_timeout): if this host or the bus fails, the current continues "
-        "to flow "
-        "until the supply is switched off manually"
+        "to flow until the supply is switched off manually"
     ),
     "faults": "the ECU's own faults (open coil, short circuit, overheating) are not reported; only the current is "
     "checked",

@@ -231,9 +231,8 @@ class _Roles:
             self._reading.wrong(
                 (COMMAND,),
                 f"{signal.name} (line {given.line} of the DBC file) ranges from {low_A:g} A to {high_A:g} A in "
-                "steps of "
-                f"{abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. Fix: "
-                "specify a set-point that can represent 0 A",
+                f"steps of {abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. "
+                "Fix: specify a set-point that can represent 0 A",
             )
         return low_A, high_A
 

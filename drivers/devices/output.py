@@ -92,8 +92,7 @@ def output_missing(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
         ("measurement", output.measures,
          "the coil current is not measured: the recorded current is the set-point that the module accepted; a "
          "different current (due to the amplifier, the scale or a broken coil) is not detected, and overcurrent and "
-         "current-stuck "
-         "cannot stop the rig"),
+         "current-stuck cannot stop the rig"),
         ("read-back", output.current.read,
          "the set-point cannot be read back: the only confirmation, even of 0 A after a stop, is the module's "
          "answer to the write"),

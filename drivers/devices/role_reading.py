@@ -162,9 +162,7 @@ class Reading:
         if dimension == "current" and unit in SHARES:
             if "full_scale" not in table:
                 self.wrong((*place, "full_scale"), 'is missing; the unit of the signal is %. Fix: write the '
-                    'current at 100 '
-                    '%, such as '
-                    'full_scale = "3 A"')
+                    'current at 100 %, such as full_scale = "3 A"')
                 return None
             factor, offset = quantity(table["full_scale"])[0] / 100.0, 0.0
         elif unit in units:

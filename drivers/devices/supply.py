@@ -179,8 +179,7 @@ def supply_missing(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
         "timeout": (
             described.watchdog is not None,
             "the supply has no communication time-out: if this host or the link fails, the supply maintains its "
-            "current "
-            "until it is switched off manually; the actuator's own watchdog still stops the motion",
+            "current until it is switched off manually; the actuator's own watchdog still stops the motion",
         ),
         "coil-temperature": (
             False, "the coil's temperature is not measured: its limit is not monitored, and temperature windows are "

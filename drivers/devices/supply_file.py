@@ -56,12 +56,10 @@ def read_supply(given: Mapping[str, Any]) -> tuple[SupplyDescription | None, lis
     bits = given.get("faults", {})
     if bits and not commands.read_faults:
         problems.append((("faults",), "defines the bits of an answer, but its query is missing. Fix: write the "
-            "query as "
-            "read_faults under [commands]"))
+            "query as read_faults under [commands]"))
     if commands.read_faults and not bits:
         problems.append((("commands", "read_faults"), "the answer contains bits whose meaning is not defined. Fix: "
-            "define the bits "
-            "under [faults]"))
+            "define the bits under [faults]"))
     problems += _missing(commands, current_A, voltage_V)
     if problems:
         return None, problems

@@ -130,8 +130,7 @@ def read_pressure(table: Table, quantities: Quantities) -> PressureRules:
                     "`state`, or write a condition")
     if rules and Pressure.OFF not in rules:
         table.add(None, "off is missing: this entry states the code or condition that shows that the device has no "
-            "pressure "
-            "(or power)")
+            "pressure (or power)")
     return PressureRules(rules)
 
 

@@ -109,8 +109,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     if kind == "bit" and not bits:
         if bit is None:
             entry.add("type", "type 'bit' applies only to a coil or a discrete input. Fix: for a bit of a "
-                "register, write bit "
-                "= 0 to 15")
+                "register, write bit = 0 to 15")
             return None
         kind = "u16"
     access = entry.get("access", "r" if space in READ_ONLY or bit is not None else "rw")

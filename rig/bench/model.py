@@ -44,8 +44,7 @@ class Checks(Section):
     force_zero_N: Annotated[float, Quantity("force", "0 N", "20 kN", above=True)] | None = Field(
         default=None, alias="force_zero",
         description="permitted difference in zero between the load cell and the force input; default: 0.25 % of "
-            "the load "
-            "cell's range, less for tests with low forces",
+            "the load cell's range, less for tests with low forces",
     )
     displacement_zero_m: Annotated[float, Quantity("length", "0 mm", "100 mm", above=True)] = Field(
         default=0.5e-3, alias="displacement_zero", description="permitted difference in zero between the LVDT and the "

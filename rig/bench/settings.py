@@ -302,8 +302,7 @@ class EcuConfig(Settings):
     )
     rehearsal: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
         default=None, metadata=key(description="address of the simulated supply; written by a simulated rig with "
-            "manual "
-            "current")
+            "manual current")
     )
 
     @property

@@ -86,8 +86,7 @@ def _voltage(config: SupplyEntries, described: SupplyDescription) -> Iterator[Pr
     if limit_V is None:
         yield ("voltage_limit",), (
             'missing. Fix: write the highest voltage allowed at the coil (more than resistance x highest current), '
-            'such '
-            'as "12 V"'
+            'such as "12 V"'
         )
     elif described.voltage_V is not None and not described.voltage_V[0] <= limit_V <= described.voltage_V[1]:
         low_V, high_V = described.voltage_V

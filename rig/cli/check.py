@@ -127,8 +127,7 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
     """
     if bench is None and not simulate:
         raise click.UsageError("no bench specified. Fix: run rig check BENCH, rig check --simulate, or rig check "
-            "--listen "
-            "PORT")
+            "--listen PORT")
     if simulator_args and not simulate:
         raise click.UsageError("arguments after --: only allowed with a simulated rig. Fix: add --simulate, or pass "
             "the arguments to `rig simulate`")

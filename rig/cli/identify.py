@@ -195,8 +195,7 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
     if method.name not in METHODS:
         raise click.UsageError(
             f"--scheduler: {method.name} does not evaluate populations. Fix: omit --scheduler, or choose "
-            f"another --method: "
-            f"{', '.join(METHODS)}"
+            f"another --method: {', '.join(METHODS)}"
         )
     with cluster(scheduler) as (executor, count):
         yield replace(method, executor=executor, chunks=count)

@@ -70,8 +70,7 @@ Step = Annotated[
     Discriminator(
         _step, custom_error_type="no_step",
         custom_error_message="must be a step such as {write = {command = 3}}, or a list of steps; each step "
-            "contains one of "
-                             f"{', '.join(STEPS)}",
+            f"contains one of {', '.join(STEPS)}",
     ),
 ]
 Recipe = Annotated[tuple[Step, ...], Field(min_length=1), OneOrMore()]

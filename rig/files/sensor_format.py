@@ -72,8 +72,7 @@ class _Format(DescriptionTable):
         None, description="lines of text or frames of bytes; default: inferred from the other keys"
     )
     description: str | None = Field(None, description="manufacturer, device and manual for this format; for "
-        "information "
-        "only")
+        "information only")
     unit: str | None = Field(None, description="unit of the value")
     nominal_rate_Hz: float | None = Field(
         None, ge=1e-3, le=1e6, description="readings per second, used if the bench file does not specify the rate"
@@ -154,8 +153,7 @@ class LineFormatFile(_Format):
     )
     template: str | None = Field(
         None, description="template for the lines of a simulated sensor, such as \"ST,{value:+08.3f}\"; default: "
-            "derived from "
-            "the pattern",
+            "derived from the pattern",
     )
 
 

@@ -113,8 +113,7 @@ class Answers(DescriptionTable):
     identity: Regex | None = Field(None, description="required form of the answer to `identify`")
     no_error: Regex | None = Field(None, description="answer to `error_queue` if there is no error")
     current: ValueRegex | None = Field(None, description="regular expression that captures the current in the group "
-        "`value`, such as "
-        "(?P<value>[-+0-9.]+)")
+        "`value`, such as (?P<value>[-+0-9.]+)")
     voltage: ValueRegex | None = Field(None, description="regular expression that captures the voltage in the "
         "group `value`")
     on: Sent | None = Field(None, description="answers to `read_output` that mean that the output is on")

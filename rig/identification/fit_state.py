@@ -63,8 +63,7 @@ class FitState:
         if self.fit is None:
             raise ValueError(
                 "corrections: this stage requires a fitted model, but no model was fitted before this stage. Fix: "
-                "place "
-                "the stage after the fit"
+                "place the stage after the fit"
             )
         return self.fit
 

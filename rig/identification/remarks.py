@@ -58,8 +58,7 @@ def some(texts: Sequence[str], separator: str = ", ") -> str:
 PARAMETERS = {
     "no-knee": (
         "{name} not identifiable: for this direction of motion a single straight line fits equally well, so {knee} "
-        "is outside "
-        "the tested speeds or does not exist. Fix: test at higher and lower speeds"
+        "is outside the tested speeds or does not exist. Fix: test at higher and lower speeds"
     ),
     "no-current-step": "eta not identifiable: the current was constant in every test. Fix: add a current step",
     "redundant": (
@@ -86,8 +85,7 @@ PARAMETERS = {
     "harmonics-only": (
         "m is not separable from {stiffness}: all tests ran at one frequency, where inertia and stiffness are "
         "proportional. Fix: add a test at another frequency (only harmonics separate them here; m stays in the fit "
-        "so that "
-        "{stiffness} is correct)"
+        "so that {stiffness} is correct)"
     ),
     "difference-at-one-frequency": (
         "only the difference {stiffness} - m (2 pi f)^2 is identified because all tests ran at one frequency; the "
@@ -118,8 +116,7 @@ PARAMETERS = {
     ),
     "would-be-negative": (
         "{name} is not identifiable: the unconstrained estimate is negative, so the parameter is set to its lower "
-        "bound, 0; the "
-        "upper end of its interval is a 95 % bound"
+        "bound, 0; the upper end of its interval is a 95 % bound"
     ),
     "at-limit": (
         "{name} is not identifiable: the search ended at its limit, {limit:.6g}; a value beyond the limit would fit "
@@ -136,13 +133,11 @@ WARNINGS = {
     "few-cycles": "number of full cycles: {cycles}; no cycle was discarded, so transients at the ends may remain",
     "no-repeat": (
         "the motion does not repeat from cycle to cycle: the velocity is derived from a local polynomial, whose "
-        "errors are not "
-        "included in the intervals"
+        "errors are not included in the intervals"
     ),
     "one-cycle-no-series": (
         "only one cycle remains after the first and last are discarded, and no Fourier series describes its motion: "
-        "the velocity "
-        "is derived from a local polynomial, whose errors are not included in the intervals"
+        "the velocity is derived from a local polynomial, whose errors are not included in the intervals"
     ),
     "whole-record": (
         "the motion has no cycles, so the whole record is used ({used}); errors in its velocity are not included in "
@@ -208,8 +203,7 @@ WARNINGS = {
     ),
     "no-two-cycles": (
         "no test has two whole cycles in addition to its first and last, which are not fitted, so it is unknown "
-        "whether the "
-        "model fits within measurement noise. Fix: run more cycles"
+        "whether the model fits within measurement noise. Fix: run more cycles"
     ),
     "ranked-unseen-by-none": (
         "every test used to compare the models is outside the fitted range ({quantities}), so its error is an "
@@ -241,8 +235,7 @@ WARNINGS = {
     "unfinished": (
         "{method} stopped before the least-squares solution: {names} differ from that solution by more than "
         "{errors:g} standard errors, so the intervals, which apply to that solution, are not valid. Fix: increase "
-        "the budget, or use "
-        "separable"
+        "the budget, or use separable"
     ),
     "systematic-residuals": (
         "{count} of {tests} residuals are systematic{worst}; the intervals are widened by a factor of {widening:.1f}"
@@ -252,8 +245,7 @@ WARNINGS = {
     ),
     "given-up": (
         "{model}: stopped after {evaluations} evaluations on one cycle of each test: the error of this model, "
-        "{reached_N:.3g} N, is "
-        "{times:.1f} times that of the best model so far, {rival_N:.3g} N"
+        "{reached_N:.3g} N, is {times:.1f} times that of the best model so far, {rival_N:.3g} N"
     ),
 }
 """What the reader of a fit should know before using its numbers."""

@@ -148,8 +148,7 @@ def recorded_ends(tests: Sequence[Measurement]) -> tuple[float, float]:
     if high - low < LEAST_SPAN_K:
         raise IdentificationFailed(
             f"temperature law: the tests cover {low:.4g} to {high:.4g} degC, expected a span of at least "
-            f"{LEAST_SPAN_K:g} "
-            "K. Fix: add tests with the same motion on the warm damper"
+            f"{LEAST_SPAN_K:g} K. Fix: add tests with the same motion on the warm damper"
         )
     return low, high
 

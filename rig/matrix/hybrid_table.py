@@ -158,9 +158,9 @@ class HybridTable(Section):
                 ("law",),
                 (
                     f"the law `inverse` computes the current from the force, but the force of {prior.description} "
-                    "does not rise "
-                    f"with current (at {SPEED_M_S:g} m/s: {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at "
-                    f"{most_A:g} A). Fix: use another law, or a fit to tests at several currents"
+                    f"does not rise with current (at {SPEED_M_S:g} m/s: {without_N:.4g} N at 0 A, "
+                    f"{without_N + rise_N:.4g} N at {most_A:g} A). Fix: use another law, or a fit to tests at several "
+                    "currents"
                 ),
             )
 
@@ -221,8 +221,7 @@ class HybridTable(Section):
         if poll_s is None:
             return [(
                 "hybrid", "a hybrid test requires an actuator that follows streamed set-points; this bench's "
-                    "controller "
-                    "generates the motion itself",
+                    "controller generates the motion itself",
             )]
         against = []
         if bench.clock.device_rate != 1.0:

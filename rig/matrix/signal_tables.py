@@ -178,8 +178,7 @@ class FileTable(SignalTable):
     )
     amplitude_m: Amplitude | None = Field(
         default=None, alias="amplitude", description="the signal is scaled so that its largest distance from the "
-            "centre has this value; "
-            "default: not scaled"
+            "centre has this value; default: not scaled"
     )
     highest_Hz: Frequency | None = Field(
         default=None, alias="highest_frequency", description="cut-off frequency of a zero-phase low-pass filter; "

@@ -41,8 +41,7 @@ def instruments(run: Run, sensors: Sensors) -> Blocks:
     note = (
         "The load cell and the LVDT are compared with the controller's own force and position inputs, using all "
         f"points; {PLUS_MINUS} is one standard deviation. Two instruments that agree may share the same error, so "
-        "this is not "
-        "a calibration. The allowed values are set in the bench file, in ", Code("[checks]"), ".",
+        "this is not a calibration. The allowed values are set in the bench file, in ", Code("[checks]"), ".",
     )  # fmt: skip
     head: list[Head] = ["Instrument", "Property", "Compared with", Column("Difference", "", True), "Allowed", "Result"]
     return [*section("Sensor cross-checks", note), table(head, [_row(check) for check in checks])]

@@ -237,9 +237,9 @@ class Preparation:
             raise StationRefused(
                 "ecu-command",
                 f"arm: the ECU {coil.describe()}: {requested_A:g} A was commanded at rest, but the measured "
-                "current does "
-                f"not follow ({measured_A:.3f} A). The ECU rejects the commands, or its output stage has no power; "
-                "check the protection of the command message (profile, E2E data ID, counter) and the DBC file",
+                f"current does not follow ({measured_A:.3f} A). The ECU rejects the commands, or its output stage has "
+                "no power; check the protection of the command message (profile, E2E data ID, counter) and the DBC "
+                "file",
             )
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A after the test with "

@@ -201,8 +201,7 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
         reasons.append(suspect(
             "bandwidth",
             f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples per cycle at {frequency_Hz:g} Hz, which "
-            "covers "
-            f"harmonics only up to order {0.5 * a_cycle:.3g} ({SAMPLES_A_CYCLE} samples are required)",
+            f"covers harmonics only up to order {0.5 * a_cycle:.3g} ({SAMPLES_A_CYCLE} samples are required)",
             rate_Hz=counts.rate_Hz, frequency_Hz=frequency_Hz,
         ))
     if counts.bandwidth_Hz is not None and counts.bandwidth_Hz < HARMONICS_NEEDED * frequency_Hz:
