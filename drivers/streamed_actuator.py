@@ -329,7 +329,7 @@ class StreamedActuator:
         if self._state not in HOLDING or not math.isfinite(self._rest_m):
             raise LocalProtocolError("set-points were sent although the device does not hold its position (state "
                 f"{self._state})")
-        if not self._following or self._withheld:
+        if not self._following or self._withheld or self.silent_s > self._longest_gap_s > 0.0:
             self._source.rest(self._rest_m)
             self._guard.begin(Setpoint(self._rest_m, 0.0), self._now_s())
             if self._lead is not None:
@@ -378,9 +378,12 @@ class StreamedActuator:
     def _withholds(self) -> bool:
         """After a stop, no set-point goes to a rod that rests elsewhere: the last ones were not taken, the next may be.
 
-        The device holds the rod by itself. The next motion begins where it does.
+        Nor, after a gap, to one that is not known to rest, unless set-points feed the watchdog. The device itself holds
+        the rod. The next motion begins where it does.
         """
-        if self._stopped and not self._withheld and not self.in_motion and self._rests():
+        if self._stopped and not self._withheld and not self.in_motion:
+            if not self._rests():
+                return self.silent_s > self._regular_s > 0.0 and not self._silence_stops
             self._withheld = abs(max(self._polled_m) - self._source.last.position_m) > RESTS_M
         return self._withheld
 
@@ -440,8 +443,6 @@ class StreamedActuator:
             request_s: when that was requested (s of the device's time).
         """
         if not self.in_motion:
-            if self._stopped and not self._rests():
-                return False
             held_m, now_s = self._source.last.position_m, self._now_s()
             # After a stop the rod may have been proved to stand still: nothing sets it in motion again.
             if abs(status.position_m - held_m) > (RESTING_M if self._stopped else RESTS_M):

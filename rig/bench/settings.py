@@ -200,7 +200,7 @@ class ActuatorConfig(Settings):
 
     @property
     def setpoints_s(self) -> float | None:
-        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        """Period of the streamed set-points (wall s); None for a controller that generates motions itself."""
         return None if self.capabilities.generator else self.poll_s
 
     @property

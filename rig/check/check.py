@@ -63,7 +63,7 @@ def check_bench(bench: Bench, folder: Path, report: Report, *, prove: bool = Fal
     Args:
         bench: the rig.
         folder: an empty one, for the station's files and log.
-        report: told what is being done, for people.
+        report: called with what is being done, as text.
         prove: starve the watchdog and move the rod by 2 mm, at 10 mm/s and 0 A, where nothing has failed before.
 
     Returns:

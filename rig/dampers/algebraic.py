@@ -69,7 +69,7 @@ STIFFNESS = (
 
 
 def needs_kernel_only(name: str) -> str:
-    """The message for the author of a `ColumnModel` with shape parameters of its own."""
+    """The message for the author of a `ColumnModel` that has its own shape parameters."""
     return (
         f"{name}: got a ColumnModel with shape parameters, expected no shape parameters or those of TanhModel. Fix: "
         "derive the model from rig.dampers.AlgebraicModel, which requires only parameters and kernel"

@@ -122,7 +122,8 @@ class QuarterCar:
         The damper's damping is the assumed one's force at 0.1 m/s, whichever way and current of the law is more,
         divided by that. A pure delay: 1 + G(s) c s exp(-s tau) crosses where |G c s| = 1, and tau makes up its phase.
         """
-        frequencies, loop = self._loop(np.geomspace(*SWEEP_Hz))
+        frequencies = np.geomspace(*SWEEP_Hz)
+        loop = self._loop(frequencies)
         beyond = np.abs(loop) - 1.0
         crossed = np.flatnonzero(beyond[:-1] * beyond[1:] <= 0.0)
         turns = np.angle(-loop[crossed]) % (2.0 * np.pi)
@@ -136,7 +137,8 @@ class QuarterCar:
         1 + G(s) c s H encircles the origin, c as in `critical_delay_s`. To 0.5 ms; infinite where it is stable up to
         `LONGEST_BRIDGED_S`.
         """
-        frequencies, loop = self._loop(np.linspace(*EVENLY_Hz))
+        frequencies = np.linspace(*EVENLY_Hz)
+        loop = self._loop(frequencies)
         for delay_s in np.arange(BRIDGED_STEP_S, LONGEST_BRIDGED_S, BRIDGED_STEP_S):
             led = loop * (1.0 - (1.0 - np.exp(-2j * np.pi * frequencies * delay_s)) ** 4)
             phase = np.unwrap(np.angle(1.0 + led))
@@ -144,8 +146,8 @@ class QuarterCar:
                 return float(delay_s)
         return math.inf
 
-    def _loop(self, frequencies: FloatArray) -> tuple[FloatArray, NDArray[np.complex128]]:
-        """Frequencies (Hz) and G(s) c s at them, (n,): the rod's motion that a force along it brings about."""
+    def _loop(self, frequencies: FloatArray) -> NDArray[np.complex128]:
+        """G(s) c s of damper and car at some frequencies (Hz), (n,): the loop gain without delay."""
         at = [int(np.argmin(np.abs(np.array(TABLE_SPEEDS_M_S) - side * EQUIVALENT_SPEED_M_S))) for side in (-1, 1)]
         forces = [steady_force_N(self.damper, current_A, current_A) for current_A in self.currents_A()]
         damping = max(float(force_N[i]) / TABLE_SPEEDS_M_S[i] for force_N in forces for i in at)
@@ -153,7 +155,8 @@ class QuarterCar:
         row = ratio * np.array([0.0, 0.0, 1.0, -1.0])
         s = 2j * np.pi * frequencies
         inner = np.linalg.solve(s[:, None, None] * np.eye(STATES)[None] - state[None], inputs[None, :, :1])
-        return frequencies, -damping * np.einsum("i,fij->f", row, inner)
+        loop: NDArray[np.complex128] = -damping * np.einsum("i,fij->f", row, inner)
+        return loop
 
 
 def steady_force_N(damper: CornerDamper, current_A: float, rest_A: float) -> FloatArray:

@@ -6,6 +6,7 @@ are computed before any motion, by the same car with the specimen's `prior`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -232,7 +233,7 @@ class HybridTable(Section):
                 f"the law `{point.law}` changes the coil current at every step, which requires a current source on "
                 'CAN. Fix: law = ["passive"]'
             )))
-        extrapolated_s = car.critical_extrapolated_s() if point.compensator == "polynomial" else float("inf")
+        extrapolated_s = car.critical_extrapolated_s() if point.compensator == "polynomial" else math.inf
         if not self.largest_delay_s * DELAY_MARGIN <= extrapolated_s:
             against.append((
                 "hybrid-unstable", f"polynomial extrapolation over a delay of {1e3 * extrapolated_s:.1f} ms or more is "

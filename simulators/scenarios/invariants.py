@@ -137,7 +137,7 @@ def unarmed_is_at_rest(view: View) -> Findings:
 
 
 def points_are_there(view: View) -> Findings:
-    """Every point that was told to be finished is on the disk, opens, and says what was told of it last."""
+    """Every point that was reported as finished is on the disk, opens, and states what was reported of it last."""
     if view.session is not view.scenario.sessions[-1] or view.scenario.folder is None:
         return
     reported: dict[str, dict[str, Any]] = {}
@@ -170,12 +170,12 @@ def points_are_there(view: View) -> Findings:
 
 
 def recorded_points_are_written(view: View) -> Findings:
-    """Of every attempt that was run a file is told, and is there, where disk and those who write files are well."""
+    """Of every attempt that was run a file is reported and present, if disk and writing processes are healthy."""
     answer, happened = view.session.answer, {event.what for _, event in view.session.happened}
     if answer is None or happened & LOSING:
         return
     began = {str(line["point"]) for line in view.lines if line.get("event") == "point"}
-    last = view.session is view.scenario.sessions[-1]  # what earlier ones told was set aside since
+    last = view.session is view.scenario.sessions[-1]  # what earlier ones reported was set aside since
     hurried = UNFINISHED if happened & SIGNALS.keys() else None  # who stops again does not wait for files
     for point in answer.points:
         missing = point.file is None or (last and not point.file.exists())
@@ -239,7 +239,7 @@ def recorded_is_what_was_there(view: View) -> Findings:
             path = CampaignFolder(view.scenario.folder).points / str(line["file"]).rpartition("/")[2]
             point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem):
-            continue  # told by another check
+            continue  # reported by another check
         began_ns = began[str(line["id"])]
         rows = view.between(began_ns, began_ns + 1e9 * float(point.time_s[-1] - point.time_s[0]))
         if not len(rows):
@@ -257,7 +257,7 @@ def recorded_is_what_was_there(view: View) -> Findings:
 
 
 def what_is_finished_is_not_run_again(view: View) -> Findings:
-    """A point that an earlier session told to be finished is not begun by a later one."""
+    """A point that an earlier session reported as finished is not begun by a later one."""
     finished: set[str] = set()
     for line in view.scenario.journal:
         earlier = int(line.get("host_ns", 0)) < view.session.began_ns
@@ -340,7 +340,7 @@ def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None
     try:
         point = read_once(description, CampaignFolder(view.scenario.folder).points / Path(str(line["file"])).name)
     except (OSError, FileProblem):
-        return None  # told by another check
+        return None  # reported by another check
     quality, stamps = line.get("quality") or {}, point.raw("displacement")
     names = "signal_judged" if quality.get("signal_judged_start_s") is not None else "cycles"
     start_s, end_s = (quality.get(f"{names}_{end}_s") for end in ("start", "end"))

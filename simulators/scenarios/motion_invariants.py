@@ -147,7 +147,7 @@ class Motion:
     @property
     def at_their_own_speed(self) -> frozenset[str]:
         """Faults while which, and shortly after which, speed and acceleration are the drive's own."""
-        hidden = self.streamed and not controller(self.bench.actuator.register_map).capabilities.echo
+        hidden = self.streamed and not self.bench.actuator.capabilities.echo
         return MOVED_BY_OTHERS | LOST_UNSEEN if hidden else MOVED_BY_OTHERS
 
 

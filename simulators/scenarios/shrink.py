@@ -24,7 +24,7 @@ def shrunk(
     Args:
         plan: a world that fails.
         ended: how it ended.
-        report: is told what is tried.
+        report: called with what is tried.
         run: runs a world, to its end where nothing is given.
     """
     invariants = {invariant for invariant, _, _ in ended.failed}

@@ -12,8 +12,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from drivers.capabilities import Capabilities
-from drivers.catalogue import make_actuator
-from drivers.connection import ActuatorConnection
 from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
 from rig.matrix.model import load_matrix
@@ -69,9 +67,7 @@ def bench_of(view: View) -> Bench | None:
 def capabilities_of(view: View) -> Capabilities | None:
     """What the controller of a scenario can do; None where it has no bench."""
     bench = bench_of(view)
-    if bench is None:
-        return None
-    return make_actuator(bench.actuator.described, ActuatorConnection(bench.actuator.url)).capabilities
+    return None if bench is None else bench.actuator.capabilities
 
 
 def points_of(view: View) -> tuple[TestPoint, ...] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import time
 from collections.abc import Iterator
@@ -451,6 +452,27 @@ def test_a_rod_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(rod: Rod) -> 
     assert driver.breaks == 0
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 0.05e-3, 0.2e-3])
+@pytest.mark.parametrize("speed", [True, False])
+def test_after_a_stop_and_a_gap_the_next_motion_begins_where_the_rod_is_however_noisy_its_position(
+    rod: Rod, monkeypatch: pytest.MonkeyPatch, noise_m: float, speed: bool
+) -> None:
+    rod.capabilities = replace(Rod.capabilities, speed=speed)
+    signs = itertools.cycle((1.0, -1.0))
+    monkeypatch.setattr(rod, "position_m", lambda: Rod.position_m(rod) + noise_m * next(signs))
+    driver = running(rod, SINE, 0.95)
+    driver.send(Command.FADE_STOP)
+    polled(rod, driver, 1.5)
+    rod.now_s += 0.2
+    polled(rod, driver, 1.0)
+    rests_m, count = Rod.position_m(rod), len(rod.taken)
+    driver.send(Command.MOVE_TO, Move(0.0, 0.05))
+    polled(rod, driver, 3.0)
+    assert driver.breaks == 0
+    assert rod.taken[count][1].position_m == pytest.approx(rests_m, abs=2.0 * noise_m + 1e-6)
+    assert rod.taken[-1][1].position_m == pytest.approx(0.0, abs=1e-3)
+
+
 class Deaf(Rod):
     """It acknowledges set-points, and loses them for a while."""
 
@@ -469,7 +491,7 @@ class Echoing(Rod):
     """It repeats the counter of the last set-point that it took, and loses some."""
 
     capabilities = replace(Rod.capabilities, echo=True)
-    loses = 0
+    loses_until_s = 0.0
     late = 0
     echo = 0
 
@@ -477,8 +499,7 @@ class Echoing(Rod):
         taken, before = list(self.taken), self.echo
         status = super().follow(setpoint, watchdog_counter)
         self.echo = watchdog_counter or 0
-        if self.loses:
-            self.loses -= 1
+        if self.now_s < self.loses_until_s:
             self.taken, self.echo = taken, before
             status = self.answered()
         elif self.late:
@@ -497,12 +518,12 @@ def test_set_points_that_are_lost_and_acknowledged_are_a_gap_where_the_device_re
     rod = Echoing()
     monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * rod.now_s))
     driver = running(rod, SINE, phase_s)
-    count, rod.loses = len(rod.taken), lost
+    count, rod.loses_until_s = len(rod.taken), rod.now_s + 0.01 * (lost - 0.5)
     polled(rod, driver, 0.03)
     if stop is not None:
         driver.send(stop)
     polled(rod, driver, 0.5)
-    assert rod.loses == 0
+    assert rod.now_s > rod.loses_until_s
     step_m, change_m_s = jumps(rod, len(rod.taken) - count + 1)
     assert step_m < 0.06 * 60.0 * 0.01**2
     assert change_m_s < 60.0 * 0.01

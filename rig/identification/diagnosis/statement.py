@@ -1,6 +1,6 @@
 """What is diagnosed, and what a statement of the diagnosis is: its slug and its words in one declaration.
 
-A statement that the tests show by themselves is declared in `plausibility` with the function that finds it
+A statement that follows from the tests alone is declared in `plausibility` with the function that finds it
 (`FROM_TESTS`), one that a fit with its cause shows in `trials` (`FROM_FITS`).
 """
 
