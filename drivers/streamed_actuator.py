@@ -67,9 +67,8 @@ LATEST_S = 0.006
 """A set-point that comes later after the last one than this many periods, or than a period and this time (wall s), is
 sent only after the rod was measured: meanwhile the device has gone on at the last speed, or held the last position, and
 only the rod shows which."""
-PROMPT_ANSWERS = 20
-"""A device that repeated the counter at once so often in a row does so always."""
-LOOKS_APART_PERIODS = 0.5
+LOOKS_APART_PERIODS = (0.5, 2.5)
+"""Between two looks whose difference is a speed: noise is no speed, nor is the mean of one and a standstill."""
 RESTS_M = 1e-3
 """A rod at rest that is farther from the set-point it was to hold is held where it is; one that goes no farther during
 the trip that measures it is at rest."""
@@ -135,7 +134,9 @@ class StreamedActuator:
         self._lag = ServoLag()
         self._lead = None if getattr(device, "takes_speed", True) else SetpointLead(limits, self._period_s)
         self._seen: tuple[float, float] | None = None
-        self._prompt = self._missing = 0
+        self._fastest_m_s = math.inf
+        self._counters: tuple[int | None, int | None] = (None, None)
+        self._lost = False
         self._following = False
         self._refused = False
         self._stopped = self._withheld = False
@@ -249,6 +250,7 @@ class StreamedActuator:
 
     def exchange(self, watchdog_counter: int) -> ActuatorStatus:
         """Feed the watchdog and read the status, with the next set-point while the device follows."""
+        self._counters = (self._counters[1], watchdog_counter)
         if not self._following:
             return self._shown(self._device.exchange(watchdog_counter))
         return self._follow(watchdog_counter)
@@ -364,7 +366,9 @@ class StreamedActuator:
         now_s = self._now_s()
         setpoint = self._going_on(self._source.at(now_s), now_s)
         braking = self._source.state is State.HALTING
-        setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s, braking=braking)
+        if math.isfinite(self._source.fastest_m_s):  # not known of a halt and a hold, which are no faster than before
+            self._fastest_m_s = self._source.fastest_m_s
+        setpoint = self._guard.reachable(setpoint, now_s, self._fastest_m_s, braking=braking)
         self.last, self.taken_m = setpoint, math.nan
         status, took = self._sent(setpoint, now_s, watchdog_counter)
         self._refused = False
@@ -403,7 +407,7 @@ class StreamedActuator:
             DriverError: it cannot be reached.
         """
         lead = self._lead
-        sent = setpoint if lead is None else lead.sent(setpoint, now_s, self._source.fastest_m_s)
+        sent = setpoint if lead is None else lead.sent(setpoint, now_s, self._fastest_m_s)
         try:
             status = self._device.follow(sent, watchdog_counter)
         except DriverError as error:
@@ -412,28 +416,21 @@ class StreamedActuator:
             if lead is not None:
                 lead.lost(sent.position_m)  # the device may have taken it, and refused the read that follows
             raise
-        took = self._took(status, watchdog_counter)
+        took = self._took(status, fed=watchdog_counter is not None)
         if lead is not None and took:
             lead.taken(sent.position_m, now_s)
         elif lead is not None:
             lead.lost(sent.position_m)
         return status, took
 
-    def _took(self, status: ActuatorStatus, watchdog_counter: int | None) -> bool:
-        """Whether the device took a set-point that it acknowledged, where it always repeats the counter at once.
+    def _took(self, status: ActuatorStatus, *, fed: bool) -> bool:
+        """Whether the device took a set-point that it acknowledged: it repeats its counter, or yet the one before.
 
-        A single answer without it may be a late one of a slow device, from which no conclusion is drawn for some time.
+        Without a counter (`fed` is False) as the last one with a counter.
         """
-        if watchdog_counter is None or not self._device.capabilities.echo:
-            return True
-        if status.watchdog_echo == watchdog_counter:
-            self._prompt = 0 if self._missing == 1 else self._prompt + 1
-            self._missing = 0
-            return True
-        self._missing += 1
-        if self._prompt < PROMPT_ANSWERS:
-            self._prompt = 0
-        return self._prompt == 0
+        if fed and self._device.capabilities.echo:
+            self._lost = status.watchdog_echo not in self._counters
+        return not self._lost
 
     def _measure(self, status: ActuatorStatus, request_s: float) -> bool:
         """After a gap: go on, or brake, from where the rod is; False while that is not known.
@@ -451,7 +448,7 @@ class StreamedActuator:
             if self._lead is not None:
                 self._lead.measured(self._source.last)
             return math.isfinite(status.position_m)
-        rod, now_s = self._rod(status), self._now_s()
+        rod, now_s = self._rod(status, request_s), self._now_s()
         if rod is None:
             return False
         old_s = now_s - request_s
@@ -464,18 +461,20 @@ class StreamedActuator:
             self._lead.measured(rod)
         return True
 
-    def _rod(self, status: ActuatorStatus) -> Setpoint | None:
+    def _rod(self, status: ActuatorStatus, request_s: float) -> Setpoint | None:
         """The set-point that a rod follows which is where this status shows it, at its speed; None while not known."""
-        now_s, position_m, velocity_m_s = self._now_s(), status.position_m, status.velocity_m_s
+        position_m, velocity_m_s = status.position_m, status.velocity_m_s
         if not self._device.capabilities.speed:
-            # A speed that is a difference of positions is the mean over the gap: a second look is needed, so much later
-            # that noise is no speed: 0.15 mm within 1.3 ms would be 0.12 m/s for a rod at rest.
-            before = self._seen
-            if before is None or now_s - before[0] < LOOKS_APART_PERIODS * self._period_s or now_s <= before[0]:
-                self._seen = before or (now_s, position_m)
+            # A speed that is a difference of positions is the mean over the gap: a second look is needed.
+            seen_s, before = 0.5 * (request_s + self._now_s()), self._seen
+            apart_s = math.inf if before is None else seen_s - before[0]
+            soonest_s, latest_s = (share * self._period_s for share in LOOKS_APART_PERIODS)
+            if before is None or apart_s > latest_s > 0.0:
+                self._seen = (seen_s, position_m)
                 return None
-            self._seen = (now_s, position_m)
-            velocity_m_s = (position_m - before[1]) / (now_s - before[0])
+            if apart_s < soonest_s or apart_s <= 0.0:
+                return None
+            velocity_m_s = (position_m - before[1]) / apart_s
         if not (math.isfinite(position_m) and math.isfinite(velocity_m_s)):
             return None
         self._seen = None

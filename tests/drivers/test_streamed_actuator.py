@@ -452,6 +452,54 @@ def test_a_rod_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(rod: Rod) -> 
     assert driver.breaks == 0
 
 
+@pytest.mark.parametrize(("phase_s", "lost_s"), [(0.19, 0.145), (0.95, 0.145)])
+@pytest.mark.parametrize("unfed", [False, True])
+def test_set_points_are_lost_from_the_first_motion_on_and_whether_or_not_each_one_carries_a_counter(
+    monkeypatch: pytest.MonkeyPatch, phase_s: float, lost_s: float, unfed: bool
+) -> None:
+    rod = Echoing()
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * rod.now_s))
+    driver = running(rod, SINE, phase_s)
+    count, rod.loses_until_s = len(rod.taken), rod.now_s + lost_s
+    for number in range(40):
+        driver.exchange(number + 1)
+        rod.now_s += 0.008
+        if unfed:
+            driver.read_status()
+        rod.now_s += 0.002
+    assert jumps(rod, len(rod.taken) - count + 1)[0] < 0.06 * 60.0 * 0.01**2
+
+
+@pytest.mark.parametrize("silent_s", [0.05, 0.5, 3.0])
+def test_a_motion_after_a_silence_at_rest_is_not_broken_off(rod: Rod, silent_s: float) -> None:
+    driver = running(rod, Move(0.01, 0.1), 0.5)
+    rod.now_s += silent_s
+    driver.send(Command.MOVE_TO, Move(-0.02, 0.1))
+    polled(rod, driver, 0.1)
+    assert (driver.breaks, driver.in_motion) == (0, True)
+
+
+def test_a_slow_look_and_a_prompt_one_are_no_higher_speed(rod: Rod) -> None:
+    rod.capabilities = replace(Rod.capabilities, speed=False)
+    driver = running(rod, SINE, 0.7)
+    rod.now_s, rod.answer_s = rod.now_s + 0.02, 0.012
+    polled(rod, driver, 0.01)
+    count, rod.answer_s = len(rod.taken), 0.0
+    polled(rod, driver, 0.3)
+    assert max(abs(setpoint.velocity_m_s) for _, setpoint in rod.taken[count:]) < 1.08 * 0.06 * 2.0 * math.pi * 1.5
+
+
+def test_a_rod_that_stopped_between_two_looks_is_not_sent_their_mean_speed(rod: Rod) -> None:
+    rod.capabilities = replace(Rod.capabilities, speed=False)
+    driver = running(rod, SINE, 0.7)
+    rod.now_s += 0.02
+    polled(rod, driver, 0.01)
+    count = len(rod.taken)
+    rod.now_s += 0.03
+    polled(rod, driver, 0.3)
+    assert abs(rod.taken[count][1].velocity_m_s) < 0.03
+
+
 @pytest.mark.parametrize("noise_m", [0.0, 0.05e-3, 0.2e-3])
 @pytest.mark.parametrize("speed", [True, False])
 def test_after_a_stop_and_a_gap_the_next_motion_begins_where_the_rod_is_however_noisy_its_position(
@@ -539,8 +587,8 @@ def test_a_device_that_repeats_its_counter_late_is_followed_as_one_that_took_the
         rod.late = 1
         polled(rod, driver, 0.05)
     rod.looked.clear()
-    rod.late = 20
-    polled(rod, driver, 0.2)
+    rod.late = 300
+    polled(rod, driver, 3.0)
     assert (rod.looked, driver.breaks, driver.in_motion) == ([], 0, True)
 
 
@@ -622,6 +670,18 @@ def test_a_positioner_whose_answer_was_lost_is_not_sent_back_nor_beyond_the_spee
     assert len(steps) > 4
     assert min(steps) > -3e-4
     assert max(steps) < 0.01 * 1.03 * 0.06 * 2.0 * math.pi * 1.5
+
+
+def test_a_positioner_that_is_halted_while_it_catches_up_is_no_faster_than_its_motion(positioner: Positioner) -> None:
+    driver = running(positioner, Move(0.08, 0.25), 0.2)
+    count = len(positioner.taken)
+    for _ in range(3):
+        positioner.now_s += 0.028
+        polled(positioner, driver, 0.01)
+    driver.send(Command.HALT)
+    polled(positioner, driver, 0.5)
+    places_m = [setpoint.position_m for _, setpoint in positioner.taken[count - 1 :]]
+    assert max(abs(after_m - before_m) for before_m, after_m in pairwise(places_m)) < 1.08 * 0.25 * 0.01
 
 
 def test_a_positioner_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(positioner: Positioner) -> None:

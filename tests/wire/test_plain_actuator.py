@@ -21,7 +21,8 @@ pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent / "plain_actuator"
 LATE_S = 0.03
-AGAIN = 2
+AGAIN = 3
+TOO_BUSY = {"setpoints-late", "host-late"}
 MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=5)
 
 
@@ -63,7 +64,7 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     for attempt in range(AGAIN):
         done = rig("run", str(matrix), "--bench", str(bench), "--out", str(tmp_path / f"out{attempt}"), "--json")
         answer = json.loads(done.stdout)
-        if answer["stopped_by"] != "setpoints-late":  # this host was too busy for the limits of hardware: once more
+        if answer["stopped_by"] not in TOO_BUSY:  # for the time limits of hardware: once more
             break
     folder = Path(answer["campaign"])
     story = read_log(folder)

@@ -48,7 +48,7 @@ MOTION: dict[str, tuple[Edit, ...]] = {
     "old-measurement": (
         Edit(ACTUATOR, "if old_s > self._regular_s > 0.0 and abs(rod.velocity_m_s) * old_s > RESTS_M:", "if False:"),
     ),
-    "counted-as-taken": (Edit(ACTUATOR, "        return self._prompt == 0\n", "        return True\n"),),
+    "counted-as-taken": (Edit(ACTUATOR, "        return not self._lost\n", "        return True\n"),),
     "fades-nothing": (Edit(ACTUATOR, "            self._source.fade(now_s)\n", "            pass\n"),),
     # The end
     "pressure-assumed": (
