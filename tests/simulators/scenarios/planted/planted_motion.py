@@ -16,7 +16,7 @@ UNMEASURED = Edit(
 )
 UNGUARDED = Edit(
     ACTUATOR,
-    "        setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s, braking=braking)\n",
+    "        setpoint = self._guard.reachable(setpoint, now_s, self._fastest_m_s, braking=braking)\n",
     "        pass\n",
 )
 
