@@ -118,4 +118,9 @@ class LiveDisplay:
 
 
 def _shown(result: PointResult) -> dict[str, Any]:
-    return {"verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs)}
+    ends_degC = [result.quality.get(f"coil_temperature_{end}_degC", math.nan) for end in ("low", "high")]
+    return {
+        "verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs),
+        "file": None if result.file is None else result.file.name,
+        "coil_degC": ends_degC if all(map(math.isfinite, ends_degC)) else None,
+    }  # fmt: skip

@@ -6,7 +6,7 @@
     {"do": "words", "operator" | "specimen" | "note" | "acknowledged": TEXT}
     {"do": "set", "number": N}                            the holder: the current asked for by question N is set
     {"do": "explain", "slug": TEXT}                       every client
-    {"do": "recorded", "point": TEXT}                     every client: the loops of a point, once the run has ended
+    {"do": "recorded", "point": TEXT}                     every client: the loops of a finished point
     {"do": "clock"}                                       every client: the host's time, for latencies
     {"do": "close"}                                       an operator's client: end the page, once the run has ended
 

@@ -1,4 +1,7 @@
-"""The page itself: one document with its style and scripts inside, so that nothing is fetched from anywhere."""
+"""The page itself: one document with its style and scripts inside, so that nothing is fetched from anywhere.
+
+`static/vendor` holds uPlot, which draws the charts, unchanged as released, with its licence.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,15 @@ import hashlib
 from functools import cache
 from importlib.resources import files
 
-SCRIPTS = ("charts.js", "panels.js", "banner.js", "link.js", "page.js")
+SCRIPTS = ("series.js", "charts.js", "panels.js", "banner.js", "link.js", "page.js")
+LIBRARY, LIBRARY_STYLE, LIBRARY_LICENCE = "vendor/uPlot.iife.min.js", "vendor/uPlot.min.css", "vendor/uPlot.LICENSE"
 
 
 @cache
 def document() -> bytes:
     """The whole page, UTF-8."""
-    page = _static("page.html")
-    page = page.replace("/*STYLE*/", _static("page.css"))
+    page = _static("page.html").replace("/*LICENCE*/", _static(LIBRARY_LICENCE))
+    page = page.replace("/*STYLE*/", _style()).replace("/*LIBRARY*/", _static(LIBRARY))
     return page.replace("/*SCRIPT*/", _script()).encode()
 
 
@@ -22,8 +26,8 @@ def document() -> bytes:
 def headers() -> dict[str, str]:
     """What goes with it: only what is in the page itself may run, and it may speak to this server alone."""
     policy = (
-        f"default-src 'none'; script-src '{_digest(_script())}'; "
-        f"style-src '{_digest(_static('page.css'))}'; "
+        f"default-src 'none'; script-src '{_digest(_static(LIBRARY))}' '{_digest(_script())}'; "
+        f"style-src '{_digest(_style())}'; "
         "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
     return {
@@ -35,6 +39,10 @@ def headers() -> dict[str, str]:
         "X-Frame-Options": "DENY",
         "Cross-Origin-Opener-Policy": "same-origin",
     }
+
+
+def _style() -> str:
+    return _static(LIBRARY_STYLE) + _static("page.css")
 
 
 def _script() -> str:

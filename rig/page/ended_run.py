@@ -11,7 +11,7 @@ import io
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -67,26 +67,21 @@ class EndedRun:
         return {
             str(point.get("id")): {
                 "verdict": str(point.get("verdict", "")), "reasons": _texts(point.get("reasons")),
-                "file": self._file(point) is not None,
+                "file": self.file(point) is not None, "coil_degC": _coil_degC(point),
             }
             for point in self.result["points"]
         }  # fmt: skip
 
-    def _file(self, point: dict[str, Any]) -> Path | None:
-        """In this run's own folder, wherever it has been moved to."""
+    def file(self, point: Mapping[str, Any]) -> Path | None:
+        """The file named by a point's `file`, in this run's folder even if the run was moved; None: not found."""
         named = Path(str(point.get("file") or "")).name
         path = self._run.points / named
         return path if named and path.is_file() else None
 
-    def frame(self, point_id: str) -> bytes | None:
-        """The last cycles of a recorded point, and its last 20 s, as one frame; None where nothing can be read."""
+    def file_of(self, point_id: str) -> Path | None:
+        """The file of a recorded point; None if there is none."""
         point = next((known for known in self.result["points"] if known.get("id") == point_id), None)
-        path = None if point is None else self._file(point)
-        if path is None:
-            return None
-        with contextlib.suppress(OSError, KeyError, ValueError, IndexError, subprocess.SubprocessError, BadZipFile):
-            return _frame(path)
-        return None
+        return None if point is None else self.file(point)
 
 
 def _result(journal: Path) -> dict[str, Any]:
@@ -118,6 +113,13 @@ def _texts(value: object) -> list[str]:
     return [str(one) for one in value] if isinstance(value, list) else []
 
 
+def _coil_degC(point: Mapping[str, Any]) -> list[float] | None:
+    """Lowest and highest temperature of the coil during a point; None: not recorded."""
+    quality = point.get("quality")
+    ends = [quality.get(f"coil_temperature_{end}_degC") for end in ("low", "high")] if isinstance(quality, dict) else []
+    return ends if ends and all(isinstance(end, float) for end in ends) else None
+
+
 def _rank(point: dict[str, Any]) -> tuple[int, bool]:
     """Of a point's attempts the best counts, then one with a file, then the latest."""
     verdict = point.get("verdict")
@@ -134,8 +136,18 @@ def _events(journal: Path) -> Iterator[dict[str, Any]]:
                         yield event
 
 
+def recorded_frame(path: Path) -> bytes | None:
+    """The last cycles of a recorded point and its last 20 s as one frame; None if the file cannot be read.
+
+    A separate process with the lowest priority reads the file: no file can harm the page, and a running rig does not
+    wait for it. Recorded files are only ever replaced as a whole, so reading does not disturb the campaign.
+    """
+    with contextlib.suppress(OSError, KeyError, ValueError, IndexError, subprocess.SubprocessError, BadZipFile):
+        return _frame(path)
+    return None
+
+
 def _frame(path: Path) -> bytes | None:
-    """One frame of a point's file; read by a process of its own, so that no file can harm the page."""
     command = [sys.executable, "-m", "rig.recording.excerpt", str(path)]
     silent = subprocess.DEVNULL
     done = subprocess.run(

@@ -3,7 +3,8 @@
 A frame, little-endian, everything aligned to 4 bytes:
 
     u32 kind (1) | u32 number of blocks | f64 base | f64 now          s, host's monotonic clock
-    u32 kind (2) | ...                                                s, a recorded point's own time; now: its end
+    u32 kind (2) | ...                                                s, a recorded point's own time; now: its end;
+                                                                      after the blocks the point's id (UTF-8)
     block:  u16 channel | u16 0 | u32 n | n x f32 time after base (s) | n x f32 value (SI)
 
 Channels are the ring's (`drivers.ring.Channel`), values as recorded. 201, 202, 203 are a loop's displacement (m),

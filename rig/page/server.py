@@ -28,6 +28,7 @@ from rig.clock import monotonic_ns
 from rig.page.access import Access, Denied, Role
 from rig.page.commands import LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line
 from rig.page.document import document, headers
+from rig.page.ended_run import recorded_frame
 from rig.page.lease import Lease
 from rig.page.samples import Frames, packed
 from rig.page.watched_run import WatchedRun
@@ -46,6 +47,10 @@ MOST_CONNECTIONS = 120
 """Those that have not said yet who they are among them; one more is hung up on."""
 MOST_MESSAGES = 60
 """Of one connection in a second; more end it."""
+MOST_REQUESTED = 16
+"""Recorded points that one browser may wait for."""
+MOST_RECORDED = 24
+"""Recorded points that are kept for the next browser; each has at most 350 kB."""
 MOST_UNSENT = 1 << 16
 """Bytes that may wait for a browser before frames are left out."""
 SENT_AHEAD = 1 << 16
@@ -98,7 +103,8 @@ class PageServer:
         self._sent_lease: object = None
         self._sent_run: dict[str, Any] = {}
         self._reading = asyncio.Lock()
-        self._recorded: dict[str, bytes | None] = {}
+        self._recorded: dict[tuple[str, int], bytes | None] = {}
+        self._sending_recorded: dict[ServerConnection, set[asyncio.Task[None]]] = {}
 
     async def serve(self, sock: Any, tls: ssl.SSLContext | None) -> Server:  # noqa: ANN401 - a bound socket
         """Begin to answer on a bound socket."""
@@ -140,6 +146,8 @@ class PageServer:
             pass  # however it went, it is gone
         finally:
             del self._clients[connection]
+            for task in self._sending_recorded.pop(connection, set()):
+                task.cancel()
             if all(other.key != client.key for other in self._clients.values()):
                 self._lease.left(client.key)
 
@@ -165,27 +173,47 @@ class PageServer:
             client = self._clients[connection]
             answer = self._commands.take(text, client)
             if answer.get("do") == "recorded" and "refused" not in answer:
-                await self._send_recorded(connection, str(answer["point"]))
-                continue
+                answer = self._begin_recorded(connection, str(answer["point"]))
+                if not answer:
+                    continue
             with suppress(ConnectionClosed):  # it has left: a stop that it sent before is taken all the same
                 await connection.send(written({"type": "answer", **answer}))
             if answer.get("do") in {"lease", "release"}:
                 self._send_lease()
 
+    def _begin_recorded(self, connection: ServerConnection, point: str) -> dict[str, Any]:
+        """Read a recorded point for a browser, whose other messages, such as a stop, do not wait for it."""
+        tasks = self._sending_recorded.setdefault(connection, set())
+        if len(tasks) >= MOST_REQUESTED:
+            return {"do": "recorded", "point": point, "refused": "too-many-points"}
+        task = asyncio.create_task(self._send_recorded(connection, point))
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
+        return {}
+
     async def _send_recorded(self, connection: ServerConnection, point: str) -> None:
-        """A recorded point, where the campaign has ended: beside one that runs no file is read."""
-        frame, refused = None, "still-running"
-        if self._run.live_folder is None:
-            refused = "not-recorded"
-            async with self._reading:  # one file at a time, however many ask
-                if point not in self._recorded:
-                    self._recorded.clear()
-                    self._recorded[point] = await asyncio.to_thread(self._run.recorded, point)
-                frame = self._recorded[point]
-        answer = {"refused": refused} if frame is None else {"ok": True, "point": point}
-        await connection.send(written({"type": "answer", "do": "recorded", **answer}))
-        if frame is not None:
-            await connection.send(frame)
+        """The frame of a recorded point, with the point's id at its end; or a refusal."""
+        frame = await self._recorded_frame(point)
+        answer = {"refused": "not-recorded"} if frame is None else {"ok": True}
+        with suppress(ConnectionClosed):
+            await connection.send(written({"type": "answer", "do": "recorded", "point": point, **answer}))
+            if frame is not None:
+                await connection.send(frame + point.encode())
+
+    async def _recorded_frame(self, point: str) -> bytes | None:
+        path = self._run.recorded_file(point)
+        if path is None:
+            return None
+        try:
+            version = str(path), path.stat().st_mtime_ns
+        except OSError:
+            return None
+        async with self._reading:  # one file at a time, however many browsers request one
+            if version not in self._recorded:
+                while len(self._recorded) >= MOST_RECORDED:
+                    del self._recorded[next(iter(self._recorded))]
+                self._recorded[version] = await asyncio.to_thread(recorded_frame, path)
+            return self._recorded[version]
 
     def _whole(self) -> tuple[dict[str, Any], ...]:
         """All that there is to tell of the run."""
@@ -243,8 +271,6 @@ class PageServer:
         """Plan, verdicts, state, events and lease, each where it has changed."""
         messages: list[dict[str, Any]] = []
         anew = self._run.began_or_ended()
-        if anew:
-            self._recorded.clear()
         planned = self._run.changed(PLAN)
         if anew or planned or (self._run.live_folder is not None and not self._sent_run.get("devices")):
             description = self._run.description()

@@ -132,9 +132,14 @@ class WatchedRun:
             return {"type": "results", "points": read_json(live / RESULTS)}
         return {"type": "results", "points": {} if self.ended is None else self.ended.points}
 
-    def recorded(self, point_id: str) -> bytes | None:
-        """A frame of a recorded point of a run that has ended; None where there is none."""
-        return None if self.ended is None else self.ended.frame(point_id)
+    def recorded_file(self, point_id: str) -> Path | None:
+        """The file of a recorded point, of a running campaign or one that has ended; None if there is none."""
+        if self.ended is None:
+            return None
+        if self.live_folder is None:
+            return self.ended.file_of(point_id)
+        point = self.results()["points"].get(point_id)
+        return self.ended.file(point) if isinstance(point, dict) else None
 
     def began_or_ended(self) -> bool:
         """Whether the campaign began, ended or was resumed since the last call; then all must be told again."""

@@ -7,6 +7,7 @@ cycles the last `SHOWN_S` (`loop_time` s, `loop_displacement` m, `loop_velocity`
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -20,6 +21,8 @@ SHOWN_CYCLES, SHOWN_S = 5.0, 20.0
 MOST_SHOWN = 4000
 FULL = 0.95
 """Of the largest amplitude: counts as full."""
+NICENESS = 19
+"""The lowest priority: a file may be read while a campaign runs on the same computer."""
 CHANNELS = ("force", "displacement", "current", "coil_temperature", "commanded_current")
 
 
@@ -60,6 +63,7 @@ def _last_peak_s(time_s: NDArray[np.float64], displacement_m: NDArray[np.float64
 
 def main(arguments: list[str]) -> int:
     """Write the arrays of the one file named; returns the exit code."""
+    os.nice(NICENESS)
     try:
         arrays = excerpt(Path(arguments[0]))
     except (FileProblem, OSError, IndexError, ValueError) as error:

@@ -39,7 +39,7 @@ FOCUS = """() => { const e = document.activeElement, s = getComputedStyle(e), r 
 NOT_STRETCHED = """() => [...document.querySelectorAll('canvas')]
   .every(c => Math.abs(c.width - c.clientWidth * devicePixelRatio) < 2)"""
 FOCUSABLE = """() => [...document.querySelectorAll('button, input, textarea, [tabindex="0"]')]
-  .filter(e => !e.disabled && e.checkVisibility()).map(e => e.id || e.textContent)"""
+  .filter(e => !e.disabled && e.tabIndex >= 0 && e.checkVisibility()).map(e => e.id || e.textContent)"""
 
 
 class Beside:
@@ -272,10 +272,9 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         assert page.evaluate(COUNT_INK, "fx") != page.evaluate(COUNT_INK, "fv")
         check_contrast(page)
         assert not page.is_visible("#stop"), "there is nothing to stop"
-        tabbed_to(page, "loops")
-        page.keyboard.press("Tab")
-        page.keyboard.press("Enter")
-        page.wait_for_function(f"{shown}.includes('p002 as recorded')", timeout=WAIT_MS)
+        show_both_by_keyboard(page)
+        page.wait_for_function(f"{shown}.includes('p001, p002 as recorded')", timeout=WAIT_MS)
+        zoom_and_read_values(page)
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "a phone scrolls one way only"
         tabbed_to(page, "close", "Shift+Tab")
         page.keyboard.press("Enter")
@@ -284,6 +283,51 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         again.wait()
     finally:
         again.close()
+
+
+def show_both_by_keyboard(page: Page) -> None:
+    """The matrix is one stop for Tab; arrow keys move within it."""
+    tabbed_to(page, "loops")
+    page.keyboard.press("ArrowDown")
+    assert page.evaluate("document.activeElement.ariaLabel") == "loops of p002"
+    page.keyboard.press("Enter")
+    page.wait_for_function("rigPage.selected.every(one => one && one.series)", timeout=WAIT_MS)
+    assert page.evaluate("document.activeElement.ariaPressed") == "true"
+
+
+def zoom_and_read_values(page: Page) -> None:
+    """At the pointer is what was recorded there; wheel, drag and keys zoom, and the whole comes back."""
+    x_m, force_N = page.evaluate("""() => { const s = rigPage.selected[1].series, i = 60;
+      return [s.get(201).y[i], s.get(203).y[i]]; }""")
+    place = page.evaluate(f"""() => {{ const p = rigPage.charts.loops[0].chart.plot, r = devicePixelRatio;
+      const box = p.plot.over; box.scrollIntoView({{block: 'center'}}); const at = box.getBoundingClientRect();
+      const {{ px, py }} = p.scaled, {{ left, top }} = p.plot.bbox;
+      return [at.left + (px({x_m}) - left) / r, at.top + (py({force_N}) - top) / r]; }}""")
+    page.mouse.move(place[0] + 3, place[1])
+    page.mouse.move(*place)
+    tip = "document.querySelector('#plot-fx .tip')"
+    page.wait_for_function(f"!{tip}.hidden", timeout=WAIT_MS)
+    name, *values = page.evaluate(f"{tip}.textContent").split("\n")
+    assert name.startswith(("p001: sine", "p002: sine"))
+    assert float(values[0].split()[1]) == pytest.approx(1e3 * x_m, abs=1.0)
+    assert float(values[1].split()[1]) == pytest.approx(force_N, rel=0.05, abs=5.0)
+    view = "rigPage.charts.loops[0].chart.plot.shown_range().x"
+    low, high = page.evaluate(view)
+    page.mouse.wheel(0, -100)
+    page.wait_for_function(f"{view}[1] - {view}[0] < {0.9 * (high - low)}", timeout=WAIT_MS)
+    page.mouse.dblclick(*place)
+    page.wait_for_function(f"{view}[0] === {low} && {view}[1] === {high}", timeout=WAIT_MS)
+    box = page.locator("#plot-fx .u-over").bounding_box() or {}
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0] - 40, middle[1] + 40, steps=3)
+    page.wait_for_function("document.querySelector('#plot-fx .u-select').offsetWidth > 30", timeout=WAIT_MS)
+    page.mouse.up()
+    page.wait_for_function(f"{view}[1] - {view}[0] < {0.5 * (high - low)}", timeout=WAIT_MS)
+    page.locator("#plot-fx").focus()
+    page.keyboard.press("0")
+    page.wait_for_function(f"{view}[0] === {low} && {view}[1] === {high}", timeout=WAIT_MS)
 
 
 @pytest.mark.wire

@@ -63,9 +63,9 @@ function judge() {
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
-  if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); redraw(); }
+  if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); legends(); redraw(); }
   by_id("close").hidden = !(over && connected() && standing.role === "operator");
-  document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));
+  document.body.classList.toggle("old", (!connected() || !state.running) && !(over && last_selected()));
   document.title = `${verdict} – MR damper rig`;
   ages();
 }

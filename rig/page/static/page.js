@@ -3,38 +3,49 @@
 const by_id = (id) => document.getElementById(id);
 let series = new Map();
 let run = null, state = {}, results = {}, standing = {}, host_now = 0, host_at = 0, first_at = 0, drawn = true, drawn_at = 0;
-let recorded = null; // { point, series }: a point of a campaign that has ended
-const latencies_ms = [];
-window.rigPage = { latencies_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get results() { return results; }, get recorded() { return recorded; }, frames: 0 };
+let selected = []; // by place of its colour: { id, stamp, name, series, end_s } of a finished point, or null
+let chosen = false; // the operator has selected points
+const latencies_ms = [], frames_ms = [];
+window.rigPage = { latencies_ms, pointer_ms, frames_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get results() { return results; }, get recorded() { return last_selected(); }, get selected() { return selected; }, get charts() { return { loops, strips, trends }; }, frames: 0 };
 
 const MESSAGES = {
   "lease-taken": "Another operator has control.", "not-running": "No campaign is running.", "viewer": "This page is for viewers; viewers can only stop the rig.",
   "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The campaign is not responding.",
-  "not-recorded": "The data for this point cannot be read.", "still-running": "Recorded points can be shown only after the campaign has ended.",
+  "not-recorded": "The data for this point cannot be read.", "too-many-points": "Too many points were requested at once. Select them again.",
   "unknown-slug": "No explanation is available for this code.",
 };
 
 function limit(name) { const value = run && run.limits ? run.limits[name] : null; return typeof value === "number" ? value : Infinity; }
-function stroke() { const span = run && run.limits ? run.limits.position_m : null; return Array.isArray(span) ? span.map((m) => 1000 * m) : [-Infinity, Infinity]; }
+function stroke() { const span = run && run.limits ? run.limits.position_m : null; return Array.isArray(span) ? span : [-Infinity, Infinity]; }
+function both_ways(most) { return [-most, most]; }
 const GAUGES = [
-  { name: "Force", unit: "N", channel: 1, factor: 1, range: () => [-limit("force_N"), limit("force_N")] },
-  { name: "Displacement", unit: "mm", channel: 2, factor: 1000, range: stroke },
-  { name: "Velocity", unit: "m/s", channel: LOOP_V, aged_by: 2, factor: 1, range: () => [-limit("speed_m_s"), limit("speed_m_s")] },
-  { name: "Coil current", unit: "A", channel: 10, factor: 1, range: () => [-limit("current_A"), limit("current_A")] },
-  { name: "Coil temperature", unit: "°C", channel: 11, factor: 1, one: true, range: () => [0, limit("coil_temperature_degC")] },
-  { name: "ECU temperature", unit: "°C", channel: 12, factor: 1, one: true, range: () => [0, Infinity] },
-  { name: "Supply pressure", unit: "bar", channel: 26, factor: 1e-5, one: true, range: () => [0, Infinity] },
+  { name: "Force", quantity: "force", channel: 1, range: () => both_ways(limit("force_N")) },
+  { name: "Displacement", quantity: "displacement", channel: 2, range: stroke },
+  { name: "Velocity", quantity: "speed", channel: LOOP_V, aged_by: 2, range: () => both_ways(limit("speed_m_s")) },
+  { name: "Coil current", quantity: "current", channel: 10, range: () => both_ways(limit("current_A")) },
+  { name: "Coil temperature", quantity: "temperature", channel: 11, one: true, range: () => [0, limit("coil_temperature_degC")] },
+  { name: "ECU temperature", quantity: "temperature", channel: 12, one: true, range: () => [0, Infinity] },
+  { name: "Supply pressure", quantity: "pressure", channel: 26, one: true, range: () => [0, Infinity] },
 ];
 const loops = [
-  [new LoopChart(by_id("fx"), LOOP_X, 1000, "displacement in mm"), () => ({ x: stroke(), y: limit("force_N") })],
-  [new LoopChart(by_id("fv"), LOOP_V, 1, "velocity in m/s"), () => ({ x: [-limit("speed_m_s"), limit("speed_m_s")], y: limit("force_N") })],
+  { chart: new LoopChart(by_id("plot-fx"), "fx", LOOP_X, "displacement", "displacement"), limits: () => ({ x: stroke(), y: both_ways(limit("force_N")) }) },
+  { chart: new LoopChart(by_id("plot-fv"), "fv", LOOP_V, "speed", "velocity"), limits: () => ({ x: both_ways(limit("speed_m_s")), y: both_ways(limit("force_N")) }) },
 ];
+function finite(value, otherwise) { return isFinite(value) ? value : otherwise; }
+// Half of the range that a lane shows at least: signals at rest are not magnified to noise.
 const strips = new StripChart(by_id("strips"), [
-  { name: "F / N", channels: [1], factor: 1, least: 5, limits: () => [-limit("force_N"), limit("force_N")] },
-  { name: "x / mm", channels: [2, 20], factor: 1000, least: 0.5, limits: stroke },
-  { name: "I / A", channels: [10, 16], factor: 1, least: 0.1, limits: () => [-limit("current_A"), limit("current_A")] },
-  { name: "T / °C", channels: [11, 12, 3, 4, 5, 6, 7, 8, 9], factor: 1, least: 2, limits: () => [-Infinity, limit("coil_temperature_degC")] },
-]);
+  { id: "F", name: "F", quantity: "force", channels: [1], least: () => finite(0.02 * limit("force_N"), 5), limits: () => shown_range("force", both_ways(limit("force_N"))) },
+  { id: "x", name: "x", quantity: "displacement", channels: [2, 20], least: () => finite(0.01 * (stroke()[1] - stroke()[0]), 0.0005), limits: () => shown_range("displacement", stroke()) },
+  { id: "I", name: "I", quantity: "current", channels: [10, 16], least: () => finite(0.05 * limit("current_A"), 0.1), limits: () => both_ways(limit("current_A")) },
+  { id: "T", name: "T", quantity: "temperature", channels: [11, 12, 3, 4, 5, 6, 7, 8, 9], least: () => 2, limits: () => [-Infinity, shown("temperature", limit("coil_temperature_degC"))] },
+].map((lane) => ({ ...lane, called })));
+const trends = [
+  { chart: new TrendChart(by_id("plot-peaks"), "peaks", "force", "F", [{ name: "rebound", colour: "--now" }, { name: "compression", colour: "--second" }]), values: peaks_of },
+  { chart: new TrendChart(by_id("plot-heat"), "heat", "temperature", "T", [{ name: "highest", colour: "--now" }, { name: "lowest", colour: "--second" }]), values: (one) => one.coil_degC ? [one.coil_degC[1], one.coil_degC[0]] : null },
+];
+function peaks_of(one) { const found = [one.peak_force_rebound_N, one.peak_force_compression_N]; return found.every((value) => typeof value === "number") ? found : null; }
+const CHANNEL_NAMES = { 1: "force", 2: "displacement", 20: "displacement (controller)", 10: "current", 16: "current (commanded)", 11: "coil", 12: "ECU" };
+function called(channel) { const found = run && run.devices.find((one) => one.channel === channel); return CHANNEL_NAMES[channel] || (found ? found.name : String(channel)); }
 
 function now_s() { return host_now ? host_now + (performance.now() - host_at) / 1000 : 0; }
 function clock_s() { return clock ? performance.now() / 1000 + clock.offset_s : now_s(); }
@@ -43,7 +54,8 @@ function period_s() { const one = point(); return one && one.repeats !== false &
 
 function frame(buffer) {
   if (kind_of(buffer) === RECORDED) {
-    if (recorded) { recorded.series = new Map(); recorded.end_s = read_frame(buffer, recorded.series, Infinity); drawn_at = 0; }
+    const one = selected.find((each) => each && each.id === id_of(buffer));
+    if (one) { one.series = new Map(); one.end_s = read_frame(buffer, one.series, Infinity); drawn_at = 0; redraw(); }
     return;
   }
   if (!first_at) first_at = performance.now();
@@ -54,49 +66,99 @@ function frame(buffer) {
 function redraw() { if (drawn) { drawn = false; requestAnimationFrame(draw); } }
 function draw() {
   drawn = true; drawn_at = performance.now();
-  const old = state.ended && recorded && recorded.series ? recorded : null, live = state.running && connected();
+  const old = state.ended ? last_selected() : null, live = state.running && connected();
   loop_keep_s = Math.max(1, 2.5 * period_s());
-  for (const [chart, limits] of loops) chart.draw(old ? old.series : series, old ? Infinity : period_s(), limits());
-  const window_s = old ? Math.min(WINDOW_S, old.end_s) : WINDOW_S;
-  if (old) strips.draw(old.series, old.end_s, [`${plain(old.end_s - window_s)} s`, `${plain(old.end_s)} s into the record`], window_s);
-  else strips.draw(series, live ? now_s() : last_sample_s(), live ? ["20 s ago", "now"] : ["", "last samples"]);
+  const overlays = Array.from({ length: OVERLAYS }, (_, place) => selected[place] && selected[place].series ? selected[place] : null);
+  const moves = moving(), least = least_shown(moves);
+  for (const { chart, limits } of loops) chart.draw(old ? null : { series, period_s: period_s(), moving: moves }, overlays, limits(), { x: chart.quantity === "speed" ? least.speed_m_s : least.displacement_m, y: least.force_N });
+  if (old) strips.draw(old.series, old.end_s, Math.min(WINDOW_S, old.end_s), 0);
+  else { const end = live ? now_s() : last_sample_s(); strips.draw(series, end, WINDOW_S, end); }
   headings(old); gauges();
+  frames_ms.push(performance.now() - drawn_at); if (frames_ms.length > 2000) frames_ms.shift();
   const newest = series.get(23); // arrivals at the host, whatever the devices' clocks say
   if (newest && clock) { latencies_ms.push(1000 * (clock_s() - newest.last_t)); if (latencies_ms.length > 5000) latencies_ms.shift(); }
 }
 function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s(); }
+// Half ranges (SI) that the loops show at least: of the running point, at rest those of the plan.
+function least_shown(moves) {
+  const one = point(), of = (name, most) => {
+    const planned = moves && one ? one[name] : run ? run.points.reduce((found, each) => Math.max(found, each[name] || 0), 0) : 0;
+    return (moves ? 0.6 : 1) * (planned > 0 ? planned : finite(0.1 * most, 0));
+  };
+  if (state.ended) return { displacement_m: 0, speed_m_s: 0, force_N: 0 };
+  return { displacement_m: of("amplitude_m", stroke()[1]), speed_m_s: of("peak_speed_m_s", limit("speed_m_s")), force_N: moves ? finite(0.02 * limit("force_N"), 5) : of("predicted_force_N", limit("force_N")) };
+}
+function draw_trends() {
+  const points = run ? run.points : [];
+  for (const { chart, values } of trends) {
+    const found = points.map((one) => ({ id: one.id, described: describe(one), values: results[one.id] ? values(results[one.id]) : null }));
+    chart.plot.box.closest("section").hidden = !found.some((one) => one.values);
+    chart.draw(found);
+  }
+}
 function headings(old) {
-  const one = old ? point(old.point) : null, of = old ? ` – ${old.point} as recorded${one ? `: ${describe(one)}` : ""}` : "";
-  for (const [id, text] of [["head-fx", `Force vs. displacement${of}`], ["head-fv", `Force vs. velocity${of}`], ["head-strips", old ? `Record${of}` : "Last 20 s"]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
+  const shown_ids = selected.filter((each) => each && each.series).map((each) => each.id), one = old ? point(old.id) : null;
+  const of = !old ? "" : shown_ids.length === 1 ? ` – ${old.id} as recorded${one ? `: ${describe(one)}` : ""}` : ` – ${shown_ids.join(", ")} as recorded`;
+  for (const [id, text] of [["head-fx", `Force vs. displacement${of}`], ["head-fv", `Force vs. velocity${of}`], ["head-strips", old ? `Last 20 s of ${old.id} as recorded` : strips.kept ? "Zoomed in (not live); reset the zoom to follow the rig" : "Last 20 s"]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
 }
 
 function take(message) {
   if (message.type === "run") described(message);
-  else if (message.type === "state") { if (state.ended && !message.ended) recorded = null; state = message; progress(); confirmations(); buttons(); show_first(); }
-  else if (message.type === "results") { results = message.points; matrix(); show_first(); }
+  else if (message.type === "state") { if (state.ended && !message.ended) deselect_all(); state = message; progress(); confirmations(); buttons(); show_first(); }
+  else if (message.type === "results") { results = message.points; matrix(); draw_trends(); refresh_selected(); show_first(); }
   else if (message.type === "events") events(message);
   else if (message.type === "standing") { standing = message; show_standing(); }
   else if (message.type === "answer") answered(message);
   judge();
 }
 function described(message) {
-  if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; }
-  run = message; lamps(); matrix(); by_id("name-of-run").textContent = run.name;
+  if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
+  run = message; lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
   GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }
-function show_first() {
-  const shown = Object.entries(results).find(([, one]) => one.file);
-  if (state.ended && !state.running && !recorded && shown) { recorded = { point: shown[0] }; say({ do: "recorded", point: shown[0] }); }
+// Finished points that are shown over each other, each in its colour until it is deselected.
+function place_of_point(id) { return selected.findIndex((one) => one && one.id === id); }
+function last_selected() { return selected.filter((one) => one && one.series).reduce((last, one) => last && last.number > one.number ? last : one, null); }
+let selections = 0;
+function select(id) {
+  const free = Array.from({ length: OVERLAYS }, (_, place) => place).find((place) => !selected[place]);
+  if (free === undefined) { answer(`${OVERLAYS} points are shown. Deselect a point first.`); return; }
+  const one = point(id);
+  selected[free] = { id, point: id, number: ++selections, stamp: stamp(id), name: `${id}: ${one ? describe(one) : ""}`, series: null };
+  say({ do: "recorded", point: id });
+}
+function stamp(id) { const one = results[id] || {}; return `${one.file} ${one.verdict}`; }
+function choose(id) { // selects a point, or deselects it
+  if (!results[id] || !results[id].file) return;
+  const place = place_of_point(id); chosen = true; answer("");
+  if (place >= 0) selected[place] = null; else select(id);
+  show_selection();
+}
+function show_selection() { for (const one of run ? run.points : []) show_row(one.id); strips.reset(); legends(); drawn_at = 0; redraw(); }
+function deselect_all() { selected = []; chosen = false; show_selection(); }
+function refresh_selected() { // a point that was repeated has another file
+  for (const one of selected) if (one && one.stamp !== stamp(one.id)) { one.stamp = stamp(one.id); say({ do: "recorded", point: one.id }); }
+}
+function show_first() { // at the end: the point that was stopped, else the first one
+  if (!state.ended || state.running || chosen || selected.some(Boolean)) return;
+  const files = Object.keys(results).filter((id) => results[id].file), stopped = state.ended.stopped_by || state.ended.cut_off;
+  const first = files.includes(state.point) && stopped ? state.point : stopped ? files[files.length - 1] : files[0];
+  if (first) { select(first); show_selection(); }
 }
 function answered(message) {
   if (message.do === "clock" && message.ok) { clock_answered(message); return; }
   if (message.do === "explain" && message.ok) { explain(message); return; }
-  if (message.do === "recorded" && message.ok) { recorded = { point: message.point }; matrix(); return; }
+  if (message.do === "recorded" && message.ok) return; // its frame follows
+  if (message.do === "recorded" && place_of_point(message.point) >= 0) { selected[place_of_point(message.point)] = null; show_selection(); }
   if (message.do === "stop") stop_answered(message);
   if (message.do === "words" && message.ok && message.note === by_id("note").value) by_id("note").value = ""; // refused, it stays to be sent again
   answer(message.refused ? (MESSAGES[message.refused] || message.refused) : message.do === "words" ? "Saved." : "");
 }
 
+for (const button of document.querySelectorAll(".reset")) button.onclick = () => {
+  const plots = [...loops, ...trends].map(({ chart }) => chart.plot).concat(strips.lanes.map((lane) => lane.plot));
+  for (const plot of plots) if (button.closest("section").contains(plot.box) && plot.view) plot.reset();
+};
 by_id("stop").onclick = stop;
 by_id("close").onclick = () => say({ do: "close" });
 by_id("start").onclick = () => say({ do: "start", confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value) });
@@ -109,6 +171,12 @@ by_id("words").onsubmit = (event) => {
   const words = {}; if (by_id("specimen").value) words.specimen = by_id("specimen").value; if (by_id("note").value) words.note = by_id("note").value;
   if (Object.keys(words).length) say({ do: "words", ...words });
 };
+by_id("matrix").addEventListener("keydown", (event) => {
+  const buttons = [...by_id("matrix").querySelectorAll("button")], at = buttons.indexOf(document.activeElement);
+  const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: buttons.length - 1 }[event.key];
+  if (to === undefined || !buttons[to]) return;
+  event.preventDefault(); buttons[Math.max(0, at)].tabIndex = -1; buttons[to].tabIndex = 0; buttons[to].focus();
+});
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") close_explanation();
   const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
@@ -116,8 +184,7 @@ document.addEventListener("keydown", (event) => {
 });
 
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
-function theme() { const chosen = localStorage.getItem("rig-page-theme"); document.documentElement.classList.toggle("dark", chosen ? chosen === "dark" : dark.matches); colours.clear(); redraw(); }
+function theme() { const chosen = localStorage.getItem("rig-page-theme"); document.documentElement.classList.toggle("dark", chosen ? chosen === "dark" : dark.matches); colours.clear(); drawn_at = 0; redraw(); draw_trends(); }
 dark.addEventListener("change", theme);
-window.addEventListener("resize", redraw);
 by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); theme(); };
 theme(); connect(); setInterval(look_after, 250);

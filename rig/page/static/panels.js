@@ -31,15 +31,17 @@ function progress() {
   const share = total ? 100 * Math.min(1, (done + (one && one.cycles && !results[one.id] ? Math.min(1, state.cycles / one.cycles) : 0)) / total) : 0;
   by_id("done").style.width = `${share}%`;
   by_id("bar").setAttribute("aria-valuenow", share.toFixed(0));
-  document.querySelectorAll("#matrix li").forEach((item) => item.classList.toggle("running", item.dataset.id === state.point && !state.ended));
+  const running = state.ended ? null : rows.get(state.point) || null;
+  if (running !== running_row) { if (running_row) running_row.classList.remove("running"); if (running) running.classList.add("running"); running_row = running; }
 }
 
 function matrix() {
-  const list = by_id("matrix"), focused = document.activeElement && list.contains(document.activeElement) ? document.activeElement.dataset.name : "";
-  list.replaceChildren();
   const points = run ? run.points : [];
-  for (const one of points) list.append(matrix_entry(one, results[one.id] || {}));
-  if (focused) { const again = list.querySelector(`[data-name="${CSS.escape(focused)}"]`); if (again) again.focus(); }
+  if (rows_of !== points) { // a new plan; results change rows only
+    rows_of = points; rows.clear(); by_id("matrix").replaceChildren(); running_row = null;
+    for (const one of points) { const row = element("li"); row.dataset.id = one.id; rows.set(one.id, row); by_id("matrix").append(row); }
+  }
+  for (const one of points) show_row(one.id, one);
   const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length;
   by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length} of ${points.length} done; specimen ${run.specimen}` : "";
   const [last, found] = judged.pop() || [];
@@ -49,18 +51,39 @@ function matrix() {
   } else by_id("last").textContent = "";
   progress();
 }
-function matrix_entry(one, judged) {
-  const verdict = judged.verdict || "", mark = { valid: "✓", suspect: "?", invalid: "✗" }[verdict] || "·";
-  const item = element("li", undefined, verdict.replace(" ", "-")); item.dataset.id = one.id;
-  item.append(element("b", `${mark} ${one.id} `), element("span", verdict ? `${verdict} ` : ""));
+const rows = new Map();
+let rows_of = null, running_row = null;
+function show_row(id, one = point(id)) {
+  const row = rows.get(id), judged = results[id] || {}, place = place_of_point(id), wanted = JSON.stringify([judged, place, one.described]);
+  if (!row || row.dataset.shown === wanted) return;
+  const focused = row.contains(document.activeElement), verdict = judged.verdict || "", mark = { valid: "✓", suspect: "?", invalid: "✗" }[verdict] || "·";
+  row.dataset.shown = wanted; row.className = `row ${verdict.replace(" ", "-")}${row === running_row ? " running" : ""}`; row.title = `${id}: ${describe(one)}${verdict ? `, ${verdict}` : ""}`;
+  const peaks = peaks_of(judged), motion = element("span", describe(one), "motion"), head = element("b", `${mark} ${id}`);
+  head.setAttribute("aria-label", `${id} ${verdict}`);
+  row.replaceChildren(head, motion, element("span", peaks ? number(shown("force", peaks[1])) : "", "force"), element("span", peaks ? number(shown("force", peaks[0])) : "", "force"));
   if (judged.file) {
-    const show = push_button("loops", `show the recorded loops for ${one.id}`, () => say({ do: "recorded", point: one.id }));
-    show.dataset.name = `loops ${one.id}`; show.setAttribute("aria-label", `loops for ${one.id}`);
-    show.setAttribute("aria-pressed", String(Boolean(recorded) && recorded.point === one.id)); item.append(show);
+    const show = push_button("loops", `show or hide the loops of ${id}`, () => choose(id));
+    show.setAttribute("aria-label", `loops of ${id}`); show.setAttribute("aria-pressed", String(place >= 0));
+    if (place >= 0) show.style.background = `var(--overlay-${place + 1})`;
+    show.tabIndex = -1; row.append(show);
+    if (focused) show.focus();
   }
-  item.append(element("div", describe(one)));
-  for (const reason of judged.reasons || []) item.append(element("div", reason, "reason"));
-  return item;
+  for (const reason of judged.reasons || []) row.append(element("div", reason, "reason"));
+  one_stop();
+}
+function one_stop() { // the list is one stop for Tab; arrow keys move within it
+  const list = by_id("matrix");
+  if (!list.querySelector('button[tabindex="0"]')) { const first = list.querySelector("button"); if (first) first.tabIndex = 0; }
+}
+
+function legends() {
+  const chip = (name, kind) => { const item = element("li"), swatch = element("i", undefined, `swatch ${kind}`); item.append(swatch, element("span", name)); return [item, swatch]; };
+  const list = by_id("legend-loops"), strip = by_id("legend-strips"), bounded = isFinite(limit("force_N"));
+  list.replaceChildren(); strip.replaceChildren();
+  if (!state.ended) for (const [name, kind] of [["this cycle", "now"], ["previous cycle", "before"], ["now", "dot"]]) list.append(chip(name, kind)[0]);
+  selected.forEach((one, place) => { if (one) { const [item, swatch] = chip(one.name, ""); swatch.style.borderColor = `var(--overlay-${place + 1})`; list.append(item); } });
+  if (bounded) list.append(chip("outside limits", "limits")[0]);
+  for (const [name, kind] of [["force, displacement, current, coil", "now"], ["displacement of the controller, commanded current, ECU", "dashed"]]) strip.append(chip(name, kind)[0]);
 }
 
 function lamps() {
@@ -89,13 +112,13 @@ function gauges() {
     const one = series.get(gauge.channel);
     if (!one || !isFinite(one.last)) continue;
     if (!gauge.box) make_gauge(gauge);
-    const value = one.last * gauge.factor, [low, high] = gauge.range(), age = age_s(gauge.aged_by || gauge.channel);
+    const { unit } = QUANTITIES[gauge.quantity], value = shown(gauge.quantity, one.last), [low, high] = shown_range(gauge.quantity, gauge.range()), age = age_s(gauge.aged_by || gauge.channel);
     const bounded = isFinite(low) && isFinite(high) && high > low, live = connected() && state.running && age < OLD_VALUE_S;
     const over = live && bounded && (value < low || value > high);
-    gauge.text.textContent = live ? `${over ? "✗ outside limits: " : ""}${number(value)} ${gauge.unit}` : "–";
+    gauge.text.textContent = live ? `${over ? "✗ outside limits: " : ""}${number(value)} ${unit}` : "–";
     gauge.track.hidden = !bounded || !live;
-    const limits = !bounded ? "" : gauge.one ? `limit ${plain(high)} ${gauge.unit}` : `limits ${plain(low)} to ${plain(high)} ${gauge.unit}`;
-    gauge.note.textContent = live ? limits : `last ${number(value)} ${gauge.unit}${state.running ? `, ${duration(age)} ago` : ""}`;
+    const limits = !bounded ? "" : gauge.one ? `limit ${plain(high)} ${unit}` : `limits ${plain(low)} to ${plain(high)} ${unit}`;
+    gauge.note.textContent = live ? limits : `last ${number(value)} ${unit}${state.running ? `, ${duration(age)} ago` : ""}`;
     gauge.hand.style.left = bounded ? `${Math.min(100, Math.max(0, 100 * (value - low) / (high - low)))}%` : "0";
     gauge.box.classList.toggle("over", over);
   }

@@ -126,13 +126,15 @@ def test_words_typed_on_the_page_are_kept_in_the_run(link: LiveLink, tmp_path: P
 def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> None:
     link.display.phase("running")
     link.display.progress("p001", 3, 12.5, {})
-    result = PointResult(TestPoint("p001", "sine", 0.03, 2.0, 1.0), None, "valid")
-    link.display.point_done(result)
+    result = PointResult(TestPoint("p001", "sine", 0.03, 2.0, 1.0), Path("points/p001.h5"), "valid")
+    link.display.point_done(replace(result, quality={f"coil_temperature_{end}_degC": 23.5 for end in ("low", "high")}))
     link.display.message("warning", "<b>")
     state = read_json(link.folder / "state.json")
     assert (state["phase"], state["point"], state["cycles"], state["time_left_s"]) == ("running", "p001", 3, 12.5)
     assert state["messages"][0]["text"] == "<b>"
-    assert read_json(link.folder / "results.json")["p001"]["verdict"] == "valid"
+    assert read_json(link.folder / "results.json")["p001"] == {
+        "verdict": "valid", "reasons": [], "slugs": [], "file": "p001.h5", "coil_degC": [23.5, 23.5],
+    }  # fmt: skip
     doubted = replace(result, verdict="suspect", reasons=("zero-return: 12 N",))
     never = PointResult(TestPoint("p002", "sine", 0.03, 2.0, 1.0), None, "not run")
     points = (doubted, never)

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.page.ended_run import EndedRun
+from rig.page.ended_run import EndedRun, recorded_frame
 from rig.page.watched_run import WatchedRun
 from rig.station.live_folder import replace_json
 
@@ -20,7 +20,10 @@ FIRST_VERSION = Path(__file__).parents[1] / "recording" / "first_version.h5"
 RESULT = {
     "event": "result", "valid": 1, "total": 2, "rig_state": "safe", "stopped_by": "operator", "detail": "Ctrl-C",
     "points": [
-        {"id": "p001", "file": "/elsewhere/points/p001.h5", "verdict": "valid", "reasons": []},
+        {
+            "id": "p001", "file": "/elsewhere/points/p001.h5", "verdict": "valid", "reasons": [],
+            "quality": {"coil_temperature_low_degC": 23.5, "coil_temperature_high_degC": 24.5},
+        },
         {"id": "p002", "file": None, "verdict": "not run", "reasons": []},
     ],
 }  # fmt: skip
@@ -61,16 +64,19 @@ def test_of_a_run_cut_off_a_point_is_shown_by_its_file_and_not_by_a_later_attemp
 def test_a_journal_that_says_little_is_no_reason_to_fail(tmp_path: Path, text: str) -> None:
     (tmp_path / "journal.jsonl").write_text(text)
     assert EndedRun(tmp_path).points == {}
-    assert EndedRun(tmp_path).frame("p001") is None
+    assert EndedRun(tmp_path).file_of("p001") is None
 
 
 def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> None:
     ended = journal(tmp_path, RESULT)
     assert ended.points["p001"]["file"] is False
-    assert ended.frame("p001") is None
+    assert ended.file_of("p001") is None
     shutil.copy(FIRST_VERSION, tmp_path / "points" / "p001.h5")
-    assert EndedRun(tmp_path).points["p001"]["file"] is True
-    frame = ended.frame("p001")
+    shown = EndedRun(tmp_path).points
+    assert (shown["p001"]["file"], shown["p001"]["coil_degC"], shown["p002"]["coil_degC"]) == (True, [23.5, 24.5], None)
+    path = ended.file_of("p001")
+    assert path is not None
+    frame = recorded_frame(path)
     assert frame is not None
     kind, blocks, base_s, end_s = struct.unpack_from("<IIdd", frame)
     place, series = 24, {}
@@ -90,9 +96,11 @@ def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> N
 
 def test_a_damaged_file_and_an_unknown_point_show_nothing(tmp_path: Path) -> None:
     ended = journal(tmp_path, RESULT)
-    (tmp_path / "points" / "p001.h5").write_bytes(FIRST_VERSION.read_bytes()[:3000])
-    assert ended.frame("p001") is None
-    assert ended.frame("../../etc/passwd") is None
+    path = tmp_path / "points" / "p001.h5"
+    path.write_bytes(FIRST_VERSION.read_bytes()[:3000])
+    assert ended.file_of("p001") == path
+    assert recorded_frame(path) is None
+    assert ended.file_of("../../etc/passwd") is None
 
 
 def test_a_page_of_a_run_that_is_resumed_twice_follows_it_each_time(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ import shutil
 import socket
 import ssl
 import subprocess
-from collections.abc import Awaitable, Callable, Iterator
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 
 from drivers.ring import RingWriter
+from rig.page import server
 from rig.page.access import Access, Role
 from rig.page.document import document
 from rig.page.process import listening
@@ -32,6 +34,7 @@ from rig.page.server import (
     MOST_CLIENTS,
     MOST_CONNECTIONS,
     MOST_MESSAGES,
+    MOST_REQUESTED,
     MOST_UNSENT,
     PageServer,
 )
@@ -86,12 +89,12 @@ def served(rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]], settin
         sock, tls = listening(settings), settings.context()
         access = Access(settings.host, sock.getsockname()[1], tls is not None)
         page = PageServer(WatchedRun(None, rig.live), access, lambda: None)
-        server = await page.serve(sock, tls)
+        serving = await page.serve(sock, tls)
         try:
             await asyncio.wait_for(do(page, access), 20.0)
         finally:
-            server.close()
-            await server.wait_closed()
+            serving.close()
+            await serving.wait_closed()
 
     asyncio.run(both())
 
@@ -150,7 +153,8 @@ def test_the_page_is_one_document_that_fetches_nothing_and_runs_only_its_own_scr
     text = document().decode()
     assert "src=" not in text
     assert "http://" not in text.replace("http://www.w3.org", "")
-    assert "https://" not in text
+    assert "https://" not in text.replace("/*! https://github.com/leeoniya/uPlot", "")
+    assert "Copyright (c) 2022 Leon Sorokin" in text
     dangerous = ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "Function(")
     assert not any(word in text for word in dangerous)
 
@@ -302,12 +306,51 @@ def test_a_browser_that_reads_nothing_does_not_block_and_heaps_nothing(rig: Rig)
     served(rig, do)
 
 
-def test_loops_of_recorded_points_are_not_read_beside_a_campaign_that_runs(rig: Rig) -> None:
+def test_points_finished_in_a_running_campaign_are_shown_and_a_stop_does_not_wait_for_them(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (rig.run / "points").mkdir()
+    for name in ("p001.h5", "p002.h5"):
+        (rig.run / "points" / name).write_bytes(b"")
+    listed = {"p001": "p001.h5", "p002": "../points/p002.h5", "p003": "gone.h5", "p004": None}
+    replace_json(rig.live / "results.json", {name: {"file": file} for name, file in listed.items()})
+    read, stopped = list[str](), threading.Event()
+
+    def slowly(path: Path) -> bytes:
+        assert stopped.wait(10.0)
+        read.append(path.name)
+        return b"frame of "
+
+    monkeypatch.setattr(server, "recorded_frame", slowly)
+
     async def do(page: PageServer, access: Access) -> None:
         async with opened(access, Role.VIEWER) as viewer:
-            assert (await answer(viewer, do="recorded", point="p001"))["refused"] == "still-running"
+            for point in ("p001", "p002", "p001"):
+                await viewer.send(json.dumps({"do": "recorded", "point": point}))
+            assert (await answer(viewer, do="stop"))["ok"] is True
+            stopped.set()
+            frames = [message async for message in first(viewer, 3)]
+            assert sorted(frames) == [b"frame of p001", b"frame of p001", b"frame of p002"]
+            for point in ("p003", "p004", "../../etc/passwd"):
+                assert (await answer(viewer, do="recorded", point=point))["refused"] == "not-recorded"
+            stopped.clear()
+            (rig.run / "points" / "p001.h5").write_bytes(b"again")  # the point was repeated
+            for _ in range(MOST_REQUESTED + 1):
+                await viewer.send(json.dumps({"do": "recorded", "point": "p001"}))
+            assert (await answer(viewer, do="clock"))["do"] == "recorded", "the one too many is refused at once"
+            stopped.set()
 
     served(rig, do)
+    assert sorted(read[:2]) == ["p001.h5", "p002.h5"], "each file is read once"
+
+
+async def first(connection: ClientConnection, count: int) -> AsyncIterator[bytes]:
+    """So many frames of recorded points."""
+    while count:
+        message = await connection.recv()
+        if isinstance(message, bytes):
+            count -= 1
+            yield message
 
 
 def test_a_campaign_that_is_killed_is_reported_as_gone(rig: Rig) -> None:
