@@ -118,9 +118,12 @@ class LiveDisplay:
 
 
 def _shown(result: PointResult) -> dict[str, Any]:
+    peak = result.peak_force
     ends_degC = [result.quality.get(f"coil_temperature_{end}_degC", math.nan) for end in ("low", "high")]
     return {
         "verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs),
         "file": None if result.file is None else result.file.name,
         "coil_degC": ends_degC if all(map(math.isfinite, ends_degC)) else None,
+        "peak_force_rebound_N": None if peak is None else peak.rebound_N,
+        "peak_force_compression_N": None if peak is None else peak.compression_N,
     }  # fmt: skip

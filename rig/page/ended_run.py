@@ -27,6 +27,7 @@ from rig.text_file import open_regular
 EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
 KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
+PEAK_FORCES = ("peak_force_rebound_N", "peak_force_compression_N")
 RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
 READ_S = 60.0
@@ -68,6 +69,7 @@ class EndedRun:
             str(point.get("id")): {
                 "verdict": str(point.get("verdict", "")), "reasons": _texts(point.get("reasons")),
                 "file": self.file(point) is not None, "coil_degC": _coil_degC(point),
+                **{name: _number(point.get(name)) for name in PEAK_FORCES},
             }
             for point in self.result["points"]
         }  # fmt: skip
@@ -113,11 +115,17 @@ def _texts(value: object) -> list[str]:
     return [str(one) for one in value] if isinstance(value, list) else []
 
 
+def _number(value: object) -> float | None:
+    """A number of a journal; None for anything else."""
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+
+
 def _coil_degC(point: Mapping[str, Any]) -> list[float] | None:
     """Lowest and highest temperature of the coil during a point; None: not recorded."""
     quality = point.get("quality")
-    ends = [quality.get(f"coil_temperature_{end}_degC") for end in ("low", "high")] if isinstance(quality, dict) else []
-    return ends if ends and all(isinstance(end, float) for end in ends) else None
+    read = quality.get if isinstance(quality, dict) else dict[str, object]().get
+    low_degC, high_degC = (_number(read(f"coil_temperature_{end}_degC")) for end in ("low", "high"))
+    return None if low_degC is None or high_degC is None else [low_degC, high_degC]
 
 
 def _rank(point: dict[str, Any]) -> tuple[int, bool]:

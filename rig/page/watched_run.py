@@ -13,7 +13,9 @@ from typing import Any
 
 from drivers import clock
 from rig.campaign_folder import CampaignFolder
+from rig.display import Display
 from rig.errors import FileProblem
+from rig.files.kept_display import kept_display
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import LOCK, PLAN, RESULTS, STATE, held, read_json
@@ -84,9 +86,25 @@ class WatchedRun:
         return {
             "type": "run", "name": "" if run is None else run.name, "specimen": plan.get("specimen", ""),
             "bench": plan.get("bench", ""), "points": plan.get("points", []), "limits": station.get("limits", {}),
-            "devices": devices(station), "device_rate": station.get("device_rate", 1.0),
+            "devices": devices(station), "device_rate": station.get("device_rate", 1.0), "display": self._display(),
             "by_hand": isinstance(ecu, dict) and bool(ecu.get("by_hand")), "ring": station.get("ring_path", ""),
         }
+
+    def _display(self) -> dict[str, dict[str, Any]]:
+        """Units and signs of `[display]`, by quantity."""
+        try:
+            display = Display() if self.run is None else kept_display(self.run)
+        except FileProblem:
+            display = Display()
+        signed = {"force": display.force, "displacement": display.displacement, "speed": display.speed}
+        quantities = {**signed, "temperature": display.temperature}
+        return {
+            name: {
+                "unit": shown.unit, "scale": shown.scale, "offset": shown.offset,
+                "sign": -1 if name in signed and shown.positive == "compression" else 1,
+            }
+            for name, shown in quantities.items()
+        }  # fmt: skip
 
     def _station(self) -> dict[str, Any]:
         return {} if self.run is None else read_json(CampaignFolder(self.run).station_config)

@@ -132,7 +132,7 @@ def known() -> dict[str, str]:
         **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_missing(output)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_missing.py" for name in WITHOUT},
         **dict.fromkeys(("lease-taken", "not-running"), "rig/page/lease.py: take"),
-        **dict.fromkeys(("not-recorded", "still-running"), "rig/page/server.py: _send_recorded"),
+        **dict.fromkeys(("not-recorded",), "rig/page/server.py: _send_recorded"),
         **{f"sensitivity-{name}": "rig/study/findings.py: _sensitivity" for name in PRINTED_SENSITIVITY},
         **dict.fromkeys((*AROUND, *LASTING_VARIANTS, *PASSING_VARIANTS), "simulators: events and variants"),
         "hydraulics": "rig/station/requests.py: await_status",

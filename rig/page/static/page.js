@@ -79,6 +79,12 @@ function draw() {
   if (newest && clock) { latencies_ms.push(1000 * (clock_s() - newest.last_t)); if (latencies_ms.length > 5000) latencies_ms.shift(); }
 }
 function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s(); }
+function take_display(display) { // units and signs of `[display]`
+  for (const [name, { unit, scale, offset, sign }] of Object.entries(display || {})) QUANTITIES[name] = { unit: SYMBOLS[unit] || unit, scale, offset, sign };
+  for (const { chart } of [...loops, ...trends]) chart.name_axes();
+  strips.name_axes(); rows_of = null;
+}
+const SYMBOLS = { degC: "°C", degF: "°F", K: "K" };
 // Half ranges (SI) that the loops show at least: of the running point, at rest those of the plan.
 function least_shown(moves) {
   const one = point(), of = (name, most) => {
@@ -113,6 +119,7 @@ function take(message) {
 }
 function described(message) {
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
+  if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
   run = message; lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
   GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }

@@ -127,13 +127,17 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     link.display.phase("running")
     link.display.progress("p001", 3, 12.5, {})
     result = PointResult(TestPoint("p001", "sine", 0.03, 2.0, 1.0), Path("points/p001.h5"), "valid")
-    link.display.point_done(replace(result, quality={f"coil_temperature_{end}_degC": 23.5 for end in ("low", "high")}))
+    link.display.point_done(replace(result, quality={
+        "coil_temperature_low_degC": 23.5, "coil_temperature_high_degC": 24.0,
+        "peak_force_rebound_N": 800.0, "peak_force_compression_N": -900.0,
+    }))  # fmt: skip
     link.display.message("warning", "<b>")
     state = read_json(link.folder / "state.json")
     assert (state["phase"], state["point"], state["cycles"], state["time_left_s"]) == ("running", "p001", 3, 12.5)
     assert state["messages"][0]["text"] == "<b>"
     assert read_json(link.folder / "results.json")["p001"] == {
-        "verdict": "valid", "reasons": [], "slugs": [], "file": "p001.h5", "coil_degC": [23.5, 23.5],
+        "verdict": "valid", "reasons": [], "slugs": [], "file": "p001.h5", "coil_degC": [23.5, 24.0],
+        "peak_force_rebound_N": 800.0, "peak_force_compression_N": -900.0,
     }  # fmt: skip
     doubted = replace(result, verdict="suspect", reasons=("zero-return: 12 N",))
     never = PointResult(TestPoint("p002", "sine", 0.03, 2.0, 1.0), None, "not run")

@@ -22,6 +22,7 @@ RESULT = {
     "points": [
         {
             "id": "p001", "file": "/elsewhere/points/p001.h5", "verdict": "valid", "reasons": [],
+            "peak_force_rebound_N": 800.0, "peak_force_compression_N": -900.0,
             "quality": {"coil_temperature_low_degC": 23.5, "coil_temperature_high_degC": 24.5},
         },
         {"id": "p002", "file": None, "verdict": "not run", "reasons": []},
@@ -74,6 +75,7 @@ def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> N
     shutil.copy(FIRST_VERSION, tmp_path / "points" / "p001.h5")
     shown = EndedRun(tmp_path).points
     assert (shown["p001"]["file"], shown["p001"]["coil_degC"], shown["p002"]["coil_degC"]) == (True, [23.5, 24.5], None)
+    assert [shown["p001"][f"peak_force_{way}_N"] for way in ("rebound", "compression")] == [800.0, -900.0]
     path = ended.file_of("p001")
     assert path is not None
     frame = recorded_frame(path)
@@ -92,6 +94,13 @@ def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> N
     assert len(at) > 50
     assert np.array_equal(series[203][1], np.float32(data["force"][at]))
     assert np.array_equal(series[201][1], np.float32(data["displacement"][at]))
+
+
+def test_units_and_signs_of_the_page_are_those_of_display(tmp_path: Path) -> None:
+    (tmp_path / "matrix.toml").write_text('[display]\nforce = "lbf"\npositive = "compression"\n')
+    display = WatchedRun(tmp_path).description()["display"]
+    assert (display["force"]["unit"], display["force"]["sign"], display["temperature"]["sign"]) == ("lbf", -1, 1)
+    assert 445.0 / display["force"]["scale"] == pytest.approx(100.04, abs=0.01)
 
 
 def test_a_damaged_file_and_an_unknown_point_show_nothing(tmp_path: Path) -> None:
