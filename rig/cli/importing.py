@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from rig.cli.options import Command, QuantityOption, json_option, out_option
+from rig.cli.options import Command, QuantityOption, RunPath, json_option, out_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
-from rig.recording.file_formats.table_file import Dialect
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from rig.recording.quality.verdict import Section
 
 
+FIELDS = {"rate": "rate_Hz", "current": "current_A", "mid_stroke": "mid_stroke_m"}
+"""Names of options whose field in the import's settings has the unit in its name."""
 OTHER_SHARE = 0.25
 """Of a record: a larger share of ramps and other motion is stated on the screen, of less only in JSON and file."""
 
@@ -75,6 +77,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
         "rig import loop.csv --column time=t:ms --column displacement=x:mm --column force=F:kN --current '0.5 A'",
         "rig import random.csv --waveform random --column time=t:s --column displacement=x:mm --column force=F:N "
         "--column voltage=u:V",
+        "rig import tests/new.csv --like last --current '0.5 A'",
         "rig import run7.mf4 --column displacement=Stroke --column force=LoadCell --column current=I_coil",
         "rig import old.txt --dry-run --separator ';' --decimal , --column time=Zeit --column displacement=Weg "
         "--column force=Kraft --current '0 A'",
@@ -90,6 +93,12 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     help="Column for time, displacement, force, current (measured), commanded_current, temperature or voltage (of the "
     "driver): the column's name, #3 for the third column, or GROUP/NAME in MDF and TDMS files. The unit is taken from "
     "the file, from a suffix (x_mm) or from the text after a colon (x:mm).",
+)
+@click.option(
+    "--like", "like", type=RunPath(), metavar="RUN",
+    help="Imported run whose options are used again (columns, units, scales, layout), except for --current and "
+    "--specimen; options given here take precedence. Differences between the files are shown; a file is rejected if "
+    "its units or factors contradict the options.",
 )
 @click.option(
     "--scale", "scales", multiple=True, callback=_pairs, metavar="QUANTITY=FACTOR",
@@ -146,51 +155,32 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Value of the displacement column at mid-stroke.")
 @out_option
 @json_option
+@click.pass_context
 def command(
-    files: tuple[Path, ...],
-    columns: dict[str, str],
-    scales: dict[str, str],
-    no_value: tuple[float, ...] | None,
-    rate: float | None,
-    separator: str | None,
-    decimal: str | None,
-    thousands: str | None,
-    event_rows: str,
-    sheet: str | None,
-    encoding: str | None,
-    header_line: int | None,
-    units_line: int | None,
-    accept: tuple[str, ...],
-    dry_run: bool,
-    current: float | None,
-    current_from_name: str | None,
-    waveform: str,
-    ampere_per_volt: float,
-    specimen: str,
-    mid_stroke: float | None,
-    out: Path,
-    as_json: bool,
+    ctx: click.Context, /, files: tuple[Path, ...], like: Path | None, specimen: str, dry_run: bool, out: Path,
+    as_json: bool, **options: Any,  # noqa: ANN401 - one for each field of the import's settings
 ) -> int:
-    """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
+    """Convert FILES (CSV, LVM, workbooks, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
 
     The layout of a CSV file (separators, encoding, header lines, time stamps) is detected and shown; options override
     the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
     an imported run like a recorded one.
     """
-    from rig.recording.external_tests import ImportSettings, read_tests
-    from rig.recording.importing import Described, write_run
+    from rig.recording.importing import Described, read_like, write_run
     from rig.recording.motion_parts import every_part
 
-    sign = {"space": " ", "none": ""}.get(thousands or ",", thousands)
-    dialect = Dialect(separator, decimal, encoding, header_line, units_line, sign, event_rows, sheet)
-    settings = ImportSettings(
-        columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales, no_value
-    )
-    tests = read_tests(files, settings)
+    given = {FIELDS.get(name, name): value for name, value in options.items()
+             if ctx.get_parameter_source(name) not in {None, ParameterSource.DEFAULT}}  # fmt: skip
+    if "thousands" in given:
+        given["thousands"] = {"space": " ", "none": ""}.get(given["thousands"], given["thousands"])
+    tests, preset, differences = read_like(files, given, like)
     if not as_json:
         _show_how_read(tests)
+    for text in differences if not as_json else ():
+        console().print(f"differs from {preset.run}: {text}", style="yellow", markup=False, soft_wrap=True)
+    compared = {"like": {"run": preset.run, "differences": differences}} if like is not None else {}
     if dry_run:
-        parts = every_part(tests, waveform)
+        parts = every_part(tests, preset.waveform)
         for part in parts if not as_json else ():
             if part.number:
                 begin_s, end_s = part.start_s, part.start_s + float(part.test.time_s[-1])
@@ -199,10 +189,10 @@ def command(
             listed = [{"file": part.test.source, "part": part.test.part, "read_as": part.test.read_as,
                        "rows": len(part.test.time_s), "current_A": part.test.nominal_current_A,
                        "motion": part.number or None, "start_s": part.start_s} for part in parts]  # fmt: skip
-            write_json({"campaign": None, "points": listed, "total": len(parts)})
+            write_json({"campaign": None, "points": listed, "total": len(parts), **compared})
         return EXIT_DONE
-    folder = write_run(tests, out, Described(waveform, specimen, mid_stroke))
-    return _show(folder, as_json)
+    described = Described(preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences))
+    return _show(write_run(tests, out, described), as_json, compared)
 
 
 def _show_how_read(tests: Sequence[ImportedTest]) -> None:
@@ -220,7 +210,7 @@ def _show_how_read(tests: Sequence[ImportedTest]) -> None:
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
 
 
-def _show(folder: Path, as_json: bool) -> int:
+def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
     run = Run.open(folder)
     valid = sum(point.verdict == "valid" for point in run.points)
     if as_json:
@@ -231,7 +221,8 @@ def _show(folder: Path, as_json: bool) -> int:
              "record": _values(point.quality.record)}
             for point in run.points
         ]  # fmt: skip
-        write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points)})
+        write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points),
+                    **compared})  # fmt: skip
     else:
         # loads pyserial and pydantic: not needed for the help
         from rig.cli.display import described

@@ -19,6 +19,7 @@ from rig.recording.file_formats.columns import (
     choose,
     suggestions,
 )
+from rig.recording.file_formats.file_layout import FileLayout
 from rig.recording.file_formats.formats import open_file
 from rig.recording.file_formats.table_file import Break, Dialect, TableFile, check_equal_lengths
 from rig.recording.file_formats.together import brought_together
@@ -77,6 +78,8 @@ class ImportedTest:
     part: str = ""
     times: SampleTimes | None = None
     """How the times were found behind the file's stamps."""
+    layout: FileLayout | None = None
+    """What the file looked like."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +247,7 @@ def _test(
     return ImportedTest(
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
         table.get("commanded_current"), choices, f"{opened.read_as}; {notes}", table.get("temperature"), part.name,
-        times,
+        times, FileLayout.of(opened.read_as, opened.columns, choices, 1.0 / float(np.median(np.diff(time_s)))),
     )
 
 

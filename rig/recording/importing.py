@@ -10,9 +10,11 @@ import json
 import re
 import secrets
 import shutil
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,7 @@ from rig.recording.atomic_write import write_text_durably
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 from rig.recording.file_formats.table_file import Dialect
 from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.import_preset import KEY, ImportPreset
 from rig.recording.imported_quality import TestSamples, assess
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.motion_parts import TestPart, every_part
@@ -31,6 +34,7 @@ from rig.recording.quality.point_quality import MotionQuality, PointQuality, Ske
 from rig.signals.cycles import MeasuredMotion
 from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
+from rig.signals.waveform import SINE
 
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
 LONGEST_NAME = 100
@@ -46,21 +50,26 @@ class Described:
         waveform: `sine`, `triangle`, or `random` for motion without cycles.
         specimen: serial number of the damper; becomes part of the directory's name.
         mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
+        options: with which the tests were read, to be kept for `--like`; None: not kept.
+        differences: from the files of an earlier import.
     """
 
-    waveform: str = "sine"
+    waveform: str = SINE.name
     specimen: str = "imported"
     mid_stroke_m: float | None = None
+    options: ImportPreset | None = None
+    differences: tuple[str, ...] = ()
 
 
 def import_tests(
-    files: Sequence[Path], *, columns: Mapping[str, str], out: Path, current_A: float | None = None,
-    current_from_name: str | None = None, waveform: str = "sine", specimen: str = "imported",
-    mid_stroke_m: float | None = None, rate_Hz: float | None = None, dialect: Dialect | None = None,
-    accept: Sequence[str] = (), ampere_per_volt: float = 1.0, scales: Mapping[str, str | float] | None = None,
-    no_value: Sequence[float] | None = None,
+    files: Sequence[Path | str], *, columns: Mapping[str, str] | None = None, out: Path | str,
+    current_A: float | None = None, current_from_name: str | None = None, waveform: str | None = None,
+    specimen: str = "imported", mid_stroke_m: float | None = None, rate_Hz: float | None = None,
+    dialect: Dialect | None = None, accept: Sequence[str] | None = None, ampere_per_volt: float | None = None,
+    scales: Mapping[str, str | float] | None = None, no_value: Sequence[float] | None = None,
+    like: Path | str | None = None,
 ) -> Path:
-    """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file or steady motion in it, all or none.
+    """Make a run from files of other programs, one point for each file or steady motion in it, all or none.
 
     Args:
         files: the tests.
@@ -70,15 +79,17 @@ def import_tests(
         out: folder in which the run's directory is made.
         current_A: coil current of all tests, where the files have no column of it.
         current_from_name: regular expression with a group `current` (in A) to be found in each file's name.
-        waveform: `sine`, `triangle`, or `random` for motion without cycles.
+        waveform: `sine` (also where it is None), `triangle`, or `random` for motion without cycles.
         specimen: serial number of the damper; becomes part of the directory's name.
         mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
         rate_Hz: sample rate, where neither a column nor the format has a time.
-        dialect: how CSV files are written, where the guess is wrong.
+        dialect: how text files and workbooks are written, where the guess is wrong.
         accept: slugs of doubts (`units-force`, ...) about sizes that are right all the same.
-        ampere_per_volt: current that the driver commands for a volt of `voltage`.
+        ampere_per_volt: current that the driver commands for a volt of `voltage`; None: 1.
         scales: quantity -> factor of its column (-1 turns the sign) or sensitivity (`500 N/V`, `0.25 N/count`).
         no_value: numbers that stand for no value; None: -9999 and other usual ones, where no other value is near them.
+        like: directory of an imported run whose options are used where none are given here, except for the current and
+            the specimen; a `UserWarning` names each difference of a file's layout.
 
     Returns:
         The run's directory.
@@ -86,11 +97,52 @@ def import_tests(
     Raises:
         FileProblem: one line for each thing that does not fit: file, line, column, value. Nothing is written then.
     """
-    settings = ImportSettings(
-        columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept), ampere_per_volt,
-        scales or {}, no_value,
-    )
-    return write_run(read_tests(files, settings), out, Described(waveform, specimen, mid_stroke_m))
+    given = {name: value for name, value in {
+        "columns": columns, "current_A": current_A, "current_from_name": current_from_name, "rate_Hz": rate_Hz,
+        "accept": None if accept is None else tuple(accept), "ampere_per_volt": ampere_per_volt, "scales": scales,
+        "no_value": no_value, "waveform": waveform, "mid_stroke_m": mid_stroke_m,
+        **({} if dialect is None else changed_from(Dialect(), dialect)),
+    }.items() if value is not None}  # fmt: skip
+    tests, preset, differences = read_like([Path(file) for file in files], given, None if like is None else Path(like))
+    for text in differences:
+        warnings.warn(f"differs from {preset.run}: {text}", UserWarning, stacklevel=2)
+    described = Described(preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences))
+    return write_run(tests, Path(out), described)
+
+
+def changed_from(usual: Dialect, dialect: Dialect) -> dict[str, Any]:
+    """The fields of a dialect that differ from the usual ones."""
+    return {name: value for name, value in vars(dialect).items() if value != getattr(usual, name)}
+
+
+def read_like(
+    files: Sequence[Path], given: Mapping[str, Any], like: Path | None
+) -> tuple[list[ImportedTest], ImportPreset, list[str]]:
+    """Read tests with options, those that are not given taken from an earlier import; nothing is written.
+
+    Args:
+        files: the tests.
+        given: see `ImportPreset.updated`.
+        like: directory of the run of the earlier import; None: there is none.
+
+    Returns:
+        The tests, all options, and how the files differ from those of the earlier import.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
+    earlier = ImportPreset(ImportSettings({}), SINE.name) if like is None else ImportPreset.of_run(like)
+    preset = earlier.updated(given)
+    try:
+        tests = read_tests(files, preset.settings)
+        replaced = {*(given.get("columns") or {}), *(given.get("scales") or {})}
+        differences = preset.compare(tests, replaced)
+    except FileProblem as error:
+        if like is None:
+            raise
+        raise FileProblem(error.file, [*error.problems, f"(options of {earlier.run} used)"]) from error
+    kept = ImportPreset.of_tests(tests, preset.settings, preset.waveform, preset.mid_stroke_m)
+    return tests, replace(kept, run=earlier.run), differences
 
 
 def write_run(tests: Sequence[ImportedTest], out: Path, described: Described) -> Path:
@@ -128,11 +180,16 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], described: Described
         entry = {"id": name, "source": test.source.name, "part": test.part, "sha256": test.sha256,
                  "read_as": test.read_as}  # fmt: skip
         entries.append(entry | ({"motion": part.number, "start_s": part.start_s} if part.number else {}))
-    description = {
+    description: dict[str, Any] = {
         "id": folder.name, "imported": True, "specimen": described.specimen,
         "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
         "columns": {key: choice.text for key, choice in tests[0].choices.items()}, "points": entries,
     }
+    options = described.options
+    if options is not None:
+        description[KEY] = options.to_json()
+    if options is not None and options.run:
+        description["like"] = {"run": options.run, "differences": list(described.differences)}
     write_text_durably(CampaignFolder(folder).description, json.dumps(description, indent=1) + "\n")
 
 
