@@ -141,9 +141,7 @@ def wheel_smoke_test(output: IO[str]) -> int:
             return build
         (wheel,) = place.glob("*.whl")
         target = place / "site"
-        if code := run(program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-                       "--no-deps", "--target", str(target), str(wheel), output=output):
-            return code
+        shutil.unpack_archive(wheel, target, "zip")
         script = (
             f"import sys; from pathlib import Path; site = {str(target)!r}; sys.path.insert(0, site)\n"
             "import rig, drivers, protocols, simulators\n"

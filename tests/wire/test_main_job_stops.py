@@ -187,13 +187,11 @@ def test_a_rig_started_by_hand_on_other_wires_runs_the_same_job(
 ) -> None:
     rig, bench = started_rig(tmp_path, *arguments)
     try:
-        campaign = start_campaign(MATRIX, bench=bench)
+        campaign = start_campaign(MATRIX.replace(', "1 A"', ""), bench=bench)
         assert campaign.finish() == 0
     finally:
         rig.terminate()
         rig.communicate(timeout=60)
-    assert [point.verdict for point in map(RecordedPoint.open, sorted((campaign.folder / "points").glob("*.h5")))] == [
-        "valid",
-        "valid",
-    ]
-    assert len(Truth.load(tmp_path / "hand.h5").runs()) == 2
+    (point,) = map(RecordedPoint.open, (campaign.folder / "points").glob("*.h5"))
+    assert point.verdict == "valid"
+    assert len(Truth.load(tmp_path / "hand.h5").runs()) == 1

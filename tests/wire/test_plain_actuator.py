@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from in_process import rig as rig_here
 from matrices import matrix_text
 
 from rig.recording.journal.campaign_log import read_log
@@ -23,7 +24,7 @@ HERE = Path(__file__).parent / "plain_actuator"
 LATE_S = 0.03
 AGAIN = 3
 TOO_BUSY = {"setpoints-late", "host-late"}
-MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=5)
+MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=4)
 
 
 @pytest.fixture
@@ -39,9 +40,8 @@ def bench(tmp_path: Path) -> Iterator[Path]:
         rig.wait(30)
 
 
-def rig(*arguments: str, plain: bool = True) -> subprocess.CompletedProcess[str]:
-    path = os.environ.get("PYTHONPATH", "")
-    environment = os.environ | ({"PYTHONPATH": f"{HERE}{os.pathsep}{path}"} if plain else {})
+def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": f"{HERE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     return subprocess.run(
         [sys.executable, "-m", "rig.cli.main", *arguments], env=environment, capture_output=True, text=True,
         timeout=170, check=False,
@@ -58,7 +58,7 @@ def skip_where_the_host_was_held_up(folder: Path) -> None:
 def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")
-    unknown = rig("plan", str(matrix), "--bench", str(bench), plain=False)
+    unknown = rig_here("plan", matrix, "--bench", bench)
     assert unknown.returncode == 2
     assert re.search(r'line 13: actuator.register_map = "plain": .*delta-rmc, demo', unknown.stderr), unknown.stderr
     for attempt in range(AGAIN):

@@ -1,15 +1,14 @@
-"""Nothing is decided by words: every message scrambled in every process leaves codes, slugs and verdicts the same."""
+"""Nothing is decided by words: with every message scrambled, codes, slugs and verdicts are the same."""
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from in_process import rig
 from matrices import matrix_text
 from simulated_campaign import Session, session
 
@@ -18,36 +17,9 @@ from rig.recording.journal.campaign_log import read_log
 from simulators.scenarios.stage import load_everything
 
 SCRAMBLED = "#"
-SCRAMBLER = f"""
-try:
-    import rig.errors
-except ImportError:
-    pass
-else:
-    rig.errors.clean_text = lambda text: {SCRAMBLED!r}
-"""
 CODES = ("slug", "stopped_by", "rig_state", "exit_code", "valid", "total")
-ON_DEMO_BENCH = ("MATRIX", "--bench", "examples/demo-bench.toml", "--json")
-
-
-@pytest.fixture
-def scrambler(tmp_path: Path) -> Path:
-    """A folder that makes every Python process which searches it scramble its messages."""
-    folder = tmp_path / "scrambler"
-    folder.mkdir()
-    (folder / "sitecustomize.py").write_text(SCRAMBLER, encoding="utf-8")
-    return folder
-
-
-def rig(*arguments: str, search: Path | None) -> tuple[int, dict[str, Any], str]:
-    """Exit code, answer and what was said of `rig ARGUMENTS --json`."""
-    ours = str(Path(errors.__file__).parents[1])
-    extra = {} if search is None else {"PYTHONPATH": os.pathsep.join((str(search), ours))}
-    done = subprocess.run(
-        [sys.executable, "-m", "rig.cli.main", *arguments], capture_output=True, text=True, timeout=170, check=False,
-        env={**os.environ, **extra},
-    )  # fmt: skip
-    return done.returncode, json.loads(done.stdout), done.stderr
+ON_DEMO_BENCH = ("MATRIX", "--bench", "examples/demo-bench.toml")
+ROOT = Path(errors.__file__).parents[1]
 
 
 def decided(code: int, answer: dict[str, Any]) -> dict[str, object]:
@@ -67,30 +39,36 @@ def slugs(point: dict[str, Any]) -> list[str]:
     return [reason.partition(":")[0] for reason in point["reasons"]]
 
 
-def both(tmp_path: Path, scrambler: Path, text: str, *arguments: str) -> tuple[dict[str, object], dict[str, Any]]:
+def both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, *arguments: str
+) -> tuple[dict[str, object], dict[str, Any]]:
     """The same command plain and scrambled: what was decided, asserted equal, and the scrambled answer."""
     ends = []
-    for name, search in (("plain", None), ("scrambled", scrambler)):
+    for name in ("plain", "scrambled"):
+        if name == "scrambled":
+            scramble(monkeypatch)
         matrix = tmp_path / f"{name}.toml"
         matrix.write_text(text, encoding="utf-8")
         given = [matrix.as_posix() if part == "MATRIX" else part for part in arguments]
         out = ["--out", str(tmp_path / name)] if arguments[0] == "run" else []
-        given = [*given[:2], *out, *given[2:]]
-        ends.append(rig(*given, search=search))
-    (code, answer, message), (other_code, other, other_output) = ends
-    assert decided(other_code, other) == decided(code, answer)
-    assert not message or message != other_output
-    return decided(code, answer), other
+        ends.append(rig(*given[:2], *out, *given[2:], "--json", cwd=ROOT))
+    plain, scrambled = ends
+    answer, other = json.loads(plain.stdout), json.loads(scrambled.stdout)
+    assert decided(scrambled.returncode, other) == decided(plain.returncode, answer)
+    assert not plain.stderr or plain.stderr != scrambled.stderr
+    return decided(plain.returncode, answer), other
 
 
-def test_a_wrong_matrix_file(tmp_path: Path, scrambler: Path) -> None:
-    ended, answer = both(tmp_path, scrambler, matrix_text("0.5 A", amplitude="5 A", cycles=5), "plan", *ON_DEMO_BENCH)
+def test_a_wrong_matrix_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = matrix_text("0.5 A", amplitude="5 A", cycles=5)
+    ended, answer = both(tmp_path, monkeypatch, text, "plan", *ON_DEMO_BENCH)
     assert (ended["code"], ended["slug"]) == (2, "config-absurd")
     assert (answer["error"], answer["problems"]) == (SCRAMBLED, [SCRAMBLED])
 
 
-def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, scrambler: Path) -> None:
-    ended, answer = both(tmp_path, scrambler, matrix_text("0.5 A", amplitude="84 mm", cycles=5), "run", *ON_DEMO_BENCH)
+def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = matrix_text("0.5 A", amplitude="84 mm", cycles=5)
+    ended, answer = both(tmp_path, monkeypatch, text, "run", *ON_DEMO_BENCH)
     assert (ended["code"], ended["slug"]) == (3, "matrix-infeasible")
     assert answer["error"] == SCRAMBLED
 

@@ -284,7 +284,7 @@ def test_what_is_wrong_in_matrix_and_bench_is_reported_at_once(tmp_path: Path) -
 
 def test_arguments_the_simulated_rig_does_not_take_are_bad_usage(tmp_path: Path) -> None:
     quick = str(EXAMPLES / "quick.toml")
-    result = rig_process("run", quick, "--simulate", "--json", "--out", str(tmp_path), "--", "--fault", "x")
+    result = rig("run", quick, "--simulate", "--json", "--out", str(tmp_path), "--", "--fault", "x")
     assert result.returncode == 2
     assert "'x' is not in the fault matrix" in one_object(result)["error"]
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from in_process import rig
 
 from rig.bench.model import Bench
 from rig.cli.init import QUESTIONS, command, write_files
@@ -25,7 +26,7 @@ COMMAND = [sys.executable, "-m", "rig.cli.main", "init"]
 
 
 def init(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+    return rig("init", *arguments, cwd=ROOT)
 
 
 def test_the_files_load_and_every_point_of_them_is_feasible(tmp_path: Path) -> None:

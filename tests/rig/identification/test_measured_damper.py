@@ -72,6 +72,7 @@ def test_lost_motion_foretells_unseen_motions_to_seven_per_cent_of_the_peak(meas
     assert max(errors) < 9.0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["sprung_bouc_wen", "thixotropic_bouc_wen"])
 def test_a_spring_and_a_mass_predict_unseen_motions_to_six_per_cent_of_the_peak(
     measured: list[Measurement], name: str
@@ -130,7 +131,7 @@ def test_no_sign_is_doubted_in_the_tests_without_current_whose_zeros_differ(meas
     assert "force-offset" in slugs
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly  # by day on synthetic tests: `test_odd_tests.py`
 @pytest.mark.parametrize(("id_", "gain"), [("25mm0x25Hz_0.25A", 10.0), ("2mm5Hz_0.00A", 0.1), ("5mm3Hz_1.00A", 2.0)])
 def test_one_wrong_gain_among_twenty_is_named_with_its_test(
     measured: list[Measurement], id_: str, gain: float

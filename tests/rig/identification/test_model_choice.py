@@ -54,7 +54,7 @@ def recorded(force: Force, noise_N: float, seed: int) -> tuple[list[Measurement]
     return kept, held_out
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("set_name", "noise_N"),
     [

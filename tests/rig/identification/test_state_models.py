@@ -75,7 +75,7 @@ def moved(
     return test
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("named", [SPRUNG, "demo-thixotropic-bouc-wen"], ids=["sprung", "thixotropic"])
 @pytest.mark.parametrize(
     ("currents_A", "motions"),

@@ -157,7 +157,7 @@ ALONE = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore")  # the peers' own deprecations are not ours
 @pytest.mark.parametrize(
     ("method", "settings"),

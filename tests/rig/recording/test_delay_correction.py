@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -51,6 +52,39 @@ def write_points(
     return rigs
 
 
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, SyntheticRig]]:
+    """Five points of the lagging rig as they were recorded, not to be changed."""
+    folder = tmp_path_factory.mktemp("lagging")
+    return folder, write_points(folder, LAG_S)
+
+
+@dataclass(frozen=True)
+class Retimed:
+    """The same before and after all points were brought to one skew."""
+
+    before: Path
+    after: Path
+    rigs: dict[str, SyntheticRig]
+    written: frozenset[str]
+
+    def changed(self) -> list[RecordedPoint]:
+        """The points that were written again."""
+        assert self.written
+        return [point for point in opened(self.after) if point.id in self.written]
+
+    def as_recorded(self) -> dict[str, RecordedPoint]:
+        return {point.id: point for point in opened(self.before)}
+
+
+@pytest.fixture(scope="module")
+def retimed(lagging: tuple[Path, dict[str, SyntheticRig]], tmp_path_factory: pytest.TempPathFactory) -> Retimed:
+    before, rigs = lagging
+    after = tmp_path_factory.mktemp("retimed")
+    shutil.copytree(before, after, dirs_exist_ok=True)
+    return Retimed(before, after, rigs, frozenset(point.id for point in retime(after)))
+
+
 def opened(folder: Path) -> list[RecordedPoint]:
     return [RecordedPoint.open(file) for file in sorted(folder.glob("*.h5"))]
 
@@ -62,21 +96,20 @@ def force_error_N(point: RecordedPoint, rig: SyntheticRig) -> float:
     return float(np.sqrt(np.mean((point.force_N[inside] - rig.force(clock_s[inside])) ** 2)))
 
 
-def test_points_that_saw_too_little_take_over_what_all_of_them_know(tmp_path: Path) -> None:
-    rigs = write_points(tmp_path, LAG_S)
-    before = {point.id: force_error_N(point, rigs[point.id]) for point in opened(tmp_path)}
-    assert any(abs(point.skew_s - LAG_S) > 1e-3 for point in opened(tmp_path)), "the weak ones keep the declaration"
-    changed = {point.id for point in retime(tmp_path)}
-    assert changed
-    points = opened(tmp_path)
+def test_points_that_saw_too_little_take_over_what_all_of_them_know(retimed: Retimed) -> None:
+    recorded, rigs = retimed.as_recorded().values(), retimed.rigs
+    before = {point.id: force_error_N(point, rigs[point.id]) for point in recorded}
+    assert any(abs(point.skew_s - LAG_S) > 1e-3 for point in recorded), "the weak ones keep the declaration"
+    assert retimed.written
+    points = opened(retimed.after)
     for point in points:
         assert abs(point.skew_s - LAG_S) < 3.0 * point.skew_std_s, point.id
-    for name in changed:
+    for name in retimed.written:
         point = next(point for point in points if point.id == name)
         assert point.skew_std_s < 0.5e-3, point.id
         assert point.skew_s == pytest.approx(next(iter(points)).skew_s, abs=0.5e-3)
         assert force_error_N(point, rigs[name]) < max(6.0, before[name])
-    assert list(retime(tmp_path)) == [], "what was brought to one skew stays as it is"
+    assert list(retime(retimed.after)) == [], "what was brought to one skew stays as it is"
 
 
 def test_a_point_that_was_suspect_for_its_skew_alone_is_valid_once_all_points_know_it(tmp_path: Path) -> None:
@@ -89,8 +122,7 @@ def test_a_point_that_was_suspect_for_its_skew_alone_is_valid_once_all_points_kn
         assert (point.verdict, tuple(point.reasons)) == ("valid", ()), point.id
 
 
-def test_nothing_that_was_received_is_touched(tmp_path: Path) -> None:
-    write_points(tmp_path, LAG_S)
+def test_nothing_that_was_received_is_touched(retimed: Retimed) -> None:
     received = ("value", "sequence", "device_us", "host_ns", "flags")
 
     def raw(file: Path) -> list[bytes]:
@@ -98,10 +130,9 @@ def test_nothing_that_was_received_is_touched(tmp_path: Path) -> None:
             return [content[f"entry/raw/{name}/{key}"][:].tobytes()
                     for name in content["entry/raw"] for key in received]  # fmt: skip
 
-    before = {file.name: raw(file) for file in sorted(tmp_path.glob("*.h5"))}
-    assert list(retime(tmp_path))
-    assert {file.name: raw(file) for file in sorted(tmp_path.glob("*.h5"))} == before
-    assert list(tmp_path.glob("*.tmp")) == []
+    before = {file.name: raw(file) for file in sorted(retimed.before.glob("*.h5"))}
+    assert {file.name: raw(file) for file in sorted(retimed.after.glob("*.h5"))} == before
+    assert list(retimed.after.glob("*.tmp")) == []
 
 
 def test_points_that_agree_with_the_declaration_are_not_written_again(tmp_path: Path) -> None:
@@ -125,9 +156,9 @@ def test_points_that_contradict_each_other_are_not_as_sure_as_each_of_them_alone
 
 @pytest.mark.parametrize("lost", ["force/time", "velocity"])
 def test_a_value_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
+    lagging: tuple[Path, dict[str, SyntheticRig]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
 ) -> None:
-    write_points(tmp_path, LAG_S)
+    shutil.copytree(lagging[0], tmp_path, dirs_exist_ok=True)
     before = {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))}
     write = hdf5_image.write_values
 
@@ -141,26 +172,18 @@ def test_a_value_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
     assert {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))} == before
 
 
-def changed_points(folder: Path) -> list[RecordedPoint]:
-    written = {point.id for point in retime(folder)}
-    assert written
-    return [point for point in opened(folder) if point.id in written]
-
-
-def test_velocity_of_a_file_made_again_is_the_derivative_of_its_displacement(tmp_path: Path) -> None:
-    write_points(tmp_path, LAG_S)
-    for point in changed_points(tmp_path):
+def test_velocity_of_a_file_made_again_is_the_derivative_of_its_displacement(retimed: Retimed) -> None:
+    for point in retimed.changed():
         velocity, derivative = point.velocity_m_s, np.gradient(point.displacement_m, point.time_s)
         peak = np.nanmax(np.abs(derivative))
         assert np.nanmax(np.abs(velocity - derivative)) < 0.03 * peak, point.id
         assert np.array_equal(np.isnan(velocity), np.isnan(point.displacement_m))
 
 
-def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_delays(tmp_path: Path) -> None:
-    rigs = write_points(tmp_path, LAG_S)
-    before = {point.id: point for point in opened(tmp_path)}
-    for point in changed_points(tmp_path):
-        old, rig = before[point.id], rigs[point.id]
+def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_delays(retimed: Retimed) -> None:
+    before = retimed.as_recorded()
+    for point in retimed.changed():
+        old, rig = before[point.id], retimed.rigs[point.id]
         late_s = float(point.quality.displacement.undeclared_delay_s or 0.0)
         assert float(point.test["controller_clock_at_zero_s"]) == pytest.approx(
             float(old.test["controller_clock_at_zero_s"]) - late_s, abs=1e-5
@@ -173,24 +196,22 @@ def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_dela
             assert (name in point.quality.attributes) == (name in old.quality.attributes)
 
 
-def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Path) -> None:
-    write_points(tmp_path, LAG_S)
-    before = {point.id: point for point in opened(tmp_path)}
-    for point in changed_points(tmp_path):
+def test_a_file_made_again_says_when_and_why_and_from_which_delays(retimed: Retimed) -> None:
+    before = retimed.as_recorded()
+    for point in retimed.changed():
         provenance = point.provenance
         assert provenance["rewritten"].startswith("20")
         assert "all points combined" in provenance["rewritten_why"]
         assert provenance["rewritten_from_force_delay_s"] == before[point.id].quality.force.undeclared_delay_s
         assert provenance["rewritten_to_force_delay_s"] == point.quality.force.undeclared_delay_s
         assert provenance["journal_check"] == before[point.id].provenance["journal_check"]
-    for point in opened(tmp_path):
+    for point in opened(retimed.after):
         assert ("rewritten" in point.provenance) == (point.provenance != before[point.id].provenance)
 
 
-def test_what_was_noted_keeps_its_place_among_the_samples(tmp_path: Path) -> None:
-    write_points(tmp_path, LAG_S)
-    before = {file.stem: read_events(file) for file in tmp_path.glob("*.h5")}
-    for point in changed_points(tmp_path):
+def test_what_was_noted_keeps_its_place_among_the_samples(retimed: Retimed) -> None:
+    before = {file.stem: read_events(file) for file in retimed.before.glob("*.h5")}
+    for point in retimed.changed():
         (now,), (then,) = read_events(point.path), before[point.id]
         assert now[1:] == then[1:] == ("note", "halfway, über alles")
         assert abs(now[0] - then[0]) < 5_000_000

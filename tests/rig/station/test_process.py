@@ -49,6 +49,19 @@ def config_in(folder: Path) -> StationConfig:
     )
 
 
+@pytest.fixture(scope="module")
+def idle_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("idle")
+
+
+@pytest.fixture(scope="module")
+def idle(idle_folder: Path) -> Iterator[StationClient]:
+    """One station for all tests that look at it and leave it as it is."""
+    started = StationClient.start(config_in(idle_folder), idle_folder)
+    yield started
+    started.close()
+
+
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[StationClient]:
     started = StationClient.start(config_in(tmp_path), tmp_path)
@@ -66,11 +79,11 @@ def test_a_station_does_not_start_on_the_clock_of_a_rig_that_is_not_its_own(tmp_
         kept.close()
 
 
-def test_process_stays_below_64_megabytes_and_loads_no_numpy(client: StationClient) -> None:
-    status = Path(f"/proc/{client.process.pid}/status").read_text()
+def test_process_stays_below_64_megabytes_and_loads_no_numpy(idle: StationClient) -> None:
+    status = Path(f"/proc/{idle.process.pid}/status").read_text()
     resident_kB = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
     assert resident_kB < MOST_RESIDENT_KB
-    mapped = Path(f"/proc/{client.process.pid}/maps").read_text()
+    mapped = Path(f"/proc/{idle.process.pid}/maps").read_text()
     for package in ("numpy", "pandas", "h5py", "pydantic"):
         assert f"/{package}/" not in mapped
 
@@ -88,28 +101,28 @@ def test_modules_of_the_station_import_no_numeric_package() -> None:
     assert "pydantic" not in found
 
 
-def test_it_lives_in_a_session_of_its_own(client: StationClient) -> None:
-    assert os.getsid(client.process.pid) == client.process.pid
+def test_it_lives_in_a_session_of_its_own(idle: StationClient) -> None:
+    assert os.getsid(idle.process.pid) == idle.process.pid
 
 
-def test_unreachable_devices_are_all_named_and_the_station_lives_on(client: StationClient) -> None:
+def test_unreachable_devices_are_all_named_and_the_station_lives_on(idle: StationClient) -> None:
     for _ in range(2):
         with pytest.raises(StationRefused, match="unreachable") as refusal:
-            client.request("connect")
+            idle.request("connect")
         lines = refusal.value.message.splitlines()
         assert [line.split()[0] for line in lines] == ["load_cell", "lvdt", "ecu", "actuator"]
-    assert client.request("status")["connected"] is False
+    assert idle.request("status")["connected"] is False
 
 
 @pytest.mark.parametrize("do", ["arm", "move", "start", "stop", "reset", "disarm", "starve_watchdog"])
-def test_nothing_is_done_before_connect(client: StationClient, do: str) -> None:
+def test_nothing_is_done_before_connect(idle: StationClient, do: str) -> None:
     with pytest.raises(StationRefused, match="not-connected"):
-        client.request(do)
+        idle.request(do)
 
 
-def test_unknown_request_is_refused_with_those_that_exist(client: StationClient) -> None:
+def test_unknown_request_is_refused_with_those_that_exist(idle: StationClient) -> None:
     with pytest.raises(StationRefused, match="starve_watchdog"):
-        client.request("dance")
+        idle.request("dance")
 
 
 def test_shutdown_ends_it_with_exit_code_0(client: StationClient) -> None:
@@ -134,10 +147,12 @@ def test_signal_ends_a_station_that_is_not_armed(client: StationClient, number: 
     assert client.process.wait(10) == 0
 
 
-def test_ring_exists_when_the_station_is_ready_and_its_writer_beats(client: StationClient, tmp_path: Path) -> None:
-    client.request("status")
-    with RingReader(tmp_path / "ring") as reader:
-        assert reader.writer_pid == client.process.pid
+def test_ring_exists_when_the_station_is_ready_and_its_writer_beats(
+    idle: StationClient, idle_folder: Path
+) -> None:
+    idle.request("status")
+    with RingReader(idle_folder / "ring") as reader:
+        assert reader.writer_pid == idle.process.pid
         assert reader.writer_heartbeat_ns > 0
 
 

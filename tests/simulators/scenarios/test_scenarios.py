@@ -100,11 +100,7 @@ def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
     assert {"overrun", "current-told"} <= {failed for failed, _, _ in violations(undisturbed[0])}
 
 
-def test_another_seed_is_another_scenario(undisturbed: tuple[Scenario, Ended], tmp_path: Path) -> None:
-    assert undisturbed[1].digest != live(plan(seed=2), tmp_path)[1].digest
-
-
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("death", ["application-killed", "station-killed", "power-cut"])
 def test_after_any_death_the_campaign_is_completed(death: str, tmp_path: Path) -> None:
     scenario, ended = live(plan(f"{death}@3.6"), tmp_path)
@@ -114,7 +110,7 @@ def test_after_any_death_the_campaign_is_completed(death: str, tmp_path: Path) -
     assert [point.verdict for point in scenario.sessions[-1].answer.points] == ["valid", "valid"]
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(("fault", "slug"), [("estop@0.5", "estop"), ("ecu-silent@0.5", "ecu-silent")])
 def test_a_fault_stops_the_rig_under_its_name(fault: str, slug: str, tmp_path: Path) -> None:
     scenario, ended = live(plan(fault), tmp_path)
