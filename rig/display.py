@@ -14,6 +14,7 @@ Without `[display]`, everything is shown as N, mm, m/s and degC with rebound (ex
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
@@ -70,6 +71,11 @@ class Shown:
     def signed_text(self, si: float, digits: int = 4) -> str:
         """A value that is positive in rebound, with the sign of the display and the unit: "-1234 N"."""
         return f"{self.signed(si) + 0.0:.{digits}g} {self.unit}"
+
+    def fixed(self, si: float, resolution: float) -> str:
+        """A signed value with as many decimals as this resolution (SI) needs, without the unit: "12.3", "0.484"."""
+        decimals = max(0, math.ceil(-math.log10(resolution / self.scale) - 1e-9))
+        return f"{self.signed(si) + 0.0:.{decimals}f}"
 
     def title(self, quantity: str) -> str:
         """Name of a signed quantity for an axis or a column, with the sign convention where that is not the usual one.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from rig.display import SI, Display
 from rig.signals.record import Record, RecordFacts
 from rig.signals.waveform import Waveform, waveform_named
 
@@ -150,12 +151,18 @@ class TestPoint:
 
     @property
     def described(self) -> str:
-        """In one phrase: "sine 50 mm 1.5 Hz 1 A"; of what does not repeat itself, how far and for how long."""
+        """In one phrase, in SI units: "sine 50 mm 1.5 Hz 1 A"; of what does not repeat itself, how far and how long."""
+        return self.phrase(SI)
+
+    def phrase(self, shown: Display) -> str:
+        """`described` in the units of a display."""
         if self.kind == CURRENT_STEP:
             return f"{self.motion} for {self.motion_s:.3g} s, up to {self.current_A:.3g} A"
         if self.has_frequency:
-            return f"{self.motion} {1e3 * self.amplitude_m:.4g} mm {self.frequency_Hz:.4g} Hz {self.current_A:.3g} A"
+            size = shown.displacement.text(self.amplitude_m)
+            return f"{self.motion} {size} {self.frequency_Hz:.4g} Hz {self.current_A:.3g} A"
         current = f"{self.current_A:.3g} A"
         if self.current_by_law:
             current = f"up to {current} by {self.law}"
-        return f"{self.motion} up to {1e3 * self.amplitude_m:.3g} mm for {self.motion_s:.3g} s, {current}"
+        size = shown.displacement.text(self.amplitude_m, 3)
+        return f"{self.motion} up to {size} for {self.motion_s:.3g} s, {current}"

@@ -113,6 +113,8 @@ def bench_text(
         f'heartbeat_timeout = "{4000 if relaxed else 500} ms"',
         f'late_limit = "{500 if relaxed else 50} ms"',
         f"real_time = {'false' if relaxed else 'true'}",
+        *(["[display]"] if options.display else []),
+        *(f"{name} = {toml_text(value)}" for name, value in options.display.items()),
     ]
     return "\n".join(lines) + "\n"
 

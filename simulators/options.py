@@ -272,7 +272,10 @@ class TransferOptions:
 
 @dataclass(frozen=True)
 class RigOptions:
-    """The whole simulated rig; NaN clocks and the like are drawn from the seed."""
+    """The whole simulated rig; NaN clocks and the like are drawn from the seed.
+
+    `display` is handed on to the bench file, as its table `[display]`.
+    """
 
     plant_rate_Hz: Annotated[float, Ge(4000.0), Le(100_000.0)] = 8000.0
     truth_rate_Hz: Annotated[float, Ge(1.0)] = 1000.0
@@ -289,6 +292,7 @@ class RigOptions:
     auxiliary: SensorOptions = AUXILIARY
     limits: LimitOptions = field(default_factory=LimitOptions)
     transfer: TransferOptions = field(default_factory=TransferOptions)
+    display: Mapping[str, str] = field(default_factory=dict)
 
 
 SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}

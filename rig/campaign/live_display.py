@@ -50,14 +50,15 @@ class LiveDisplay:
         """The plan, once."""
         points = [
             {
-                **item.to_json(), "described": item.point.described, "repeats": item.point.has_frequency,
+                **item.to_json(), "described": item.point.phrase(plan.display), "repeats": item.point.has_frequency,
                 "motion_s": item.point.motion_s, "kind": item.point.kind,
                 "cycles": item.point.ramp_in_cycles + item.point.cycles + item.point.ramp_out_cycles,
                 "ramp_in_cycles": item.point.ramp_in_cycles, "measured_cycles": item.point.cycles,
             }
             for item in plan.points
         ]  # fmt: skip
-        self._replace(PLAN, {"specimen": plan.specimen, "bench": plan.bench_name, "points": points})
+        shown = plan.display.to_json()
+        self._replace(PLAN, {"specimen": plan.specimen, "bench": plan.bench_name, "points": points, "display": shown})
 
     def phase(self, text: str) -> None:
         """What the campaign does now."""

@@ -78,6 +78,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     }
     for name, value in options.items():
         arguments += ["--option", f"limits.{name}={min(value, REACHED[name])}"]
+    shown = bench.display.model_dump(exclude_none=True)
+    arguments += [part for name, value in shown.items() for part in ("--option", f"display.{name}={value}")]
     return tuple(arguments)
 
 
@@ -313,10 +315,8 @@ def rig_in_use(
 
     def waiting(waited_s: float) -> None:
         check()
-        reported_s = SLOW_START_S * (waited_s // SLOW_START_S)
-        if reported_s > 0.0:
-            display.phase(f"starting the simulated rig ({reported_s:.0f} s; the first start on a computer includes "
-                "compilation)")
+        if waited_s >= SLOW_START_S:
+            display.phase("starting the simulated rig (the first start on a computer takes up to a minute)")
 
     simulated = SimulatedRig.start(folder, options, specimen, waiting)
     rig = RigInUse(simulated.bench_path)

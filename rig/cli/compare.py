@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, RunPath, json_option
-from rig.cli.output import console, say, show, write_json, write_pdf
+from rig.cli.output import console, say, show, shown_path, write_json, write_pdf
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 from rig.recording.atomic_write import write_text_durably
 
@@ -56,7 +56,7 @@ def command(
     else:
         _show(compared, everything=everything)
         for page in pages:
-            say(page)
+            say(shown_path(Path(page)))
     accepted = compared.judgement is None or compared.judgement.passed
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
 

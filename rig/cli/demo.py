@@ -10,7 +10,7 @@ import click
 from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, show, write_json
-from rig.cli.run import show_paths, show_result
+from rig.cli.run import show_ending, show_result
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     options = CampaignOptions(matrix_path=MATRIX, out=out, simulate=True, speed=speed, seed=seed)
     result = run_job(options, load_matrix(MATRIX).identify, shown)
     if result.exit_code == EXIT_DONE and result.fit is not None:
-        _show_beside_truth(result.fit, CampaignFolder(result.campaign.campaign).truth, shown)
-        show_paths(result, shown)
+        error = _show_beside_truth(result.fit, CampaignFolder(result.campaign.campaign).truth, shown)
+        show_ending(result, shown, error)
     else:
         show_result(result, shown)
     if as_json:
@@ -52,16 +52,16 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     return result.exit_code
 
 
-def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None:
-    """The fit's 95 % intervals beside the parameters the simulated damper really had."""
+def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> str:
+    """The fit's 95 % intervals beside the parameters the simulated damper really had; the fit's error, in words."""
     from rich.text import Text
 
     # loads numba and numpy: not needed for the help
-    from rig.cli.fit_tables import fit_tables
+    from rig.cli.fit_tables import fit_error, fit_summary
     from rig.fits.fit_record import FitRecord
 
     fit, truth = FitRecord.load(fit_path), _true_parameters(truth_path)
-    show(fit_tables(fit, truth), shown)
+    show(fit_summary(fit, truth), shown)
     covered = [entry.holds(truth.get(name)) for name, entry in fit.parameters.items()]
     held, counted = covered.count(True), sum(item is not None for item in covered)
     text = (
@@ -69,6 +69,7 @@ def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None
         "to lie outside)"
     )
     shown.print(Text(text, style="green" if held == counted else "yellow"))
+    return fit_error(fit)
 
 
 def _true_parameters(path: Path) -> dict[str, float]:

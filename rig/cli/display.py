@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -14,20 +14,24 @@ from rich.text import Text
 
 from rig.cli.tables import COLOURS, duration, plan_table
 from rig.cli.words import verdict_words
+from rig.display import SI
 
 if TYPE_CHECKING:
     from rig.campaign.results import PointResult
+    from rig.display import Display, Shown
     from rig.matrix.plan import Plan
     from rig.recording.recorded_point import RecordedPoint
     from rig.test_point import TestPoint
 
-# Live value -> (label, factor, unit, number format).
+# Live value -> (label, quantity of the display, resolution in SI, characters).
 LIVE = {
-    "position_m": ("position", 1e3, "mm", "8.1f"),
-    "force_N": ("force", 1.0, "N", "7.0f"),
-    "current_A": ("current", 1.0, "A", "6.2f"),
-    "coil_temperature_degC": ("coil", 1.0, "°C", "6.1f"),
+    "position_m": ("position", "displacement", 1e-4, 8),
+    "force_N": ("force", "force", 1.0, 7),
+    "coil_temperature_degC": ("coil", "temperature", 0.1, 6),
 }
+SIGNS = {"degC": "°C", "degF": "°F"}
+PHRASE, PEAKS = 24, 26
+"""Columns of a point's line."""
 MARKS = {"valid": "✓", "suspect": "?", "invalid": "✗"}
 LEVELS = {"info": "", "warning": "yellow", "error": "red"}
 
@@ -37,6 +41,15 @@ def described(point: RecordedPoint) -> str:
     return f"{point.waveform} {1e3 * point.amplitude_m:.4g} mm {point.frequency_Hz:.4g} Hz {point.current_A:.3g} A"
 
 
+def peaks(result: PointResult, shown: Display) -> str:
+    """A point's peak forces: "comp. -790, reb. 812 N"; empty where they are not known."""
+    peak = result.peak_force
+    if peak is None:
+        return ""
+    compression = shown.force.signed(peak.compression_N)
+    return f"comp. {compression:.4g}, reb. {shown.force.signed_text(peak.rebound_N)}"
+
+
 class PlainDisplay:
     """One line an event; for files, pipes and continuous integration. Implements `rig.campaign.results.Display`."""
 
@@ -44,6 +57,7 @@ class PlainDisplay:
         self.console = console
         self.total = 0
         self.done = 0
+        self.shown = SI
         self.time_left_s = 0.0
         self._seen: set[str] = set()
 
@@ -57,7 +71,7 @@ class PlainDisplay:
 
     def planned(self, plan: Plan) -> None:
         """Print the plan."""
-        self.total = len(plan.points)
+        self.total, self.shown = len(plan.points), plan.display
         for part in plan_table(plan):
             self.console.print(part)
 
@@ -73,13 +87,18 @@ class PlainDisplay:
         self.time_left_s = time_left_s
 
     def point_done(self, result: PointResult) -> None:
-        """Print a point's verdict, its reasons and the time left."""
+        """Print a point's peak forces, its verdict and reasons, and the time left."""
         self.done += 1
         line = Text(f"{MARKS.get(result.verdict, '-')} {result.id}  ", style=COLOURS.get(result.verdict, ""))
-        line.append(result.point.described.ljust(31) + " ", style="none")
+        forces = peaks(result, self.shown)
+        line.append(f"{result.point.phrase(self.shown):<{PHRASE}} {forces:<{PEAKS if forces else 0}} ", style="none")
         line.append(verdict_words(result))
-        line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")
+        line.append(self._left(), style="dim")
         self.console.print(line)
+
+    def _left(self) -> str:
+        """How far the campaign is."""
+        return f"   {self.done}/{self.total}, {duration(self.time_left_s)} left"
 
     def message(self, level: str, text: str) -> None:
         """Print what the operator should read."""
@@ -125,6 +144,10 @@ class LiveDisplay(PlainDisplay):
         self._points = {item.point.id: item.point for item in plan.points}
         self._bars.update(self._campaign, total=self.total)
 
+    def _left(self) -> str:
+        """Nothing: the bars show it."""
+        return ""
+
     def phase(self, text: str) -> None:
         """Show the phase."""
         self._phase.plain = text
@@ -137,17 +160,21 @@ class LiveDisplay(PlainDisplay):
         if point is not None:
             total = round(point.cycles)
             measured = max(0, min(total, round(cycles_done - point.ramp_in_cycles)))  # ramps are none of them
-            note = f"cycles, {point.described}" if point.has_frequency else point.motion
+            note = f"cycles, {point.phrase(self.shown)}" if point.has_frequency else point.motion
             self._bars.update(
                 self._point, description=point.id, total=total, completed=measured, note=note, visible=True
             )
         else:
             self._bars.update(self._point, visible=False)
-        self._numbers.plain = "   ".join(
-            f"{label} {live[name] * factor:{width}} {unit}"
-            for name, (label, factor, unit, width) in LIVE.items()
-            if name in live
-        )
+        self._numbers.plain = "   ".join(self._live_numbers(live))
+
+    def _live_numbers(self, live: Mapping[str, float]) -> Iterator[str]:
+        for name, (label, quantity, resolution, width) in LIVE.items():
+            if name in live:
+                shown: Shown = getattr(self.shown, quantity)
+                yield f"{label} {shown.fixed(live[name], resolution):>{width}} {SIGNS.get(shown.unit, shown.unit)}"
+            if name == "force_N" and "current_A" in live:
+                yield f"current {live['current_A']:6.2f} A"
 
 
 def display_for(console: Console) -> PlainDisplay:

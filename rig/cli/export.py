@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from rig.cli.options import Command, RunPath, json_option
-from rig.cli.output import say, write_json
+from rig.cli.output import say, shown_path, write_json
 from rig.errors import EXIT_DONE
 
 
@@ -60,5 +60,5 @@ def command(source: Path, name: str, out: Path, as_json: bool) -> int:
         write_json({"source": str(source.resolve()), "to": name, "files": [str(path) for path in files]})
     else:
         for path in files:
-            say(path)
+            say(shown_path(path))
     return EXIT_DONE

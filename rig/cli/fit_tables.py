@@ -20,11 +20,44 @@ INADEQUATE = (
 )
 
 
+def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blocks:
+    """A fit at the end of a run: parameters, why some are not identified, its most probable problem; no proposals.
+
+    The report and `rig identify` show the rest. `truth`: as in `fit_tables`.
+    """
+    lines: list[Block] = []
+    if fit.adequate is False:
+        lines.append(Note(POOR, INADEQUATE))
+    lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
+    lines += [Note(POOR, f"probable cause: {cause.text}") for cause in fit.diagnosis[:1]]
+    lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
+    if fit.next_tests:
+        count = "1 further test" if len(fit.next_tests) == 1 else f"{len(fit.next_tests)} further tests"
+        lines.append(Paragraph(f"{count} would improve the fit: the report has their lines for the matrix file."))
+    return [_parameters(fit, truth), *lines]
+
+
+def fit_error(fit: FitRecord) -> str:
+    """Model and error of a fit, in one line."""
+    unseen = "" if fit.holdout is None else f", {number(fit.holdout.nrmse_percent_of_peak, 3)} % on validation tests"
+    tests = len(fit.error.per_test)
+    of = "1 test" if tests == 1 else f"{tests} tests"
+    return f"Fit: {fit.model}, error {_measures(fit.error)} over {of}{unseen}"
+
+
 def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blocks:
     """A fit as tables and sentences.
 
     With `truth` (parameter values of a simulated damper) its column and whether the interval holds it are added.
     """
+    equation: Blocks = [Paragraph(fit.equation)] if fit.form else []
+    return [
+        *selection(fit), _parameters(fit, truth), *equation, *corrections(fit), *_held_out(fit), *cross_validation(fit),
+        *_remarks(fit), *_to_try(fit),
+    ]  # fmt: skip
+
+
+def _parameters(fit: FitRecord, truth: Mapping[str, float] | None) -> Table:
     head = [Column("parameter"), Column("value", "", True), Column(INTERVAL), Column("unit")]
     if fit.drawn is not None:
         head.append(Column(f"95 %, {fit.drawn.count} bootstrap samples"))
@@ -40,12 +73,7 @@ def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Bloc
             true = truth.get(name)
             row += ["-" if true is None else f"{true:.5g}", {True: "yes", False: "NO", None: "-"}[entry.holds(true)]]
         rows.append(Row(tuple(row), PLAIN if entry.identifiable else FAIR))
-    equation: Blocks = [Paragraph(fit.equation)] if fit.form else []
-    parameters = table(head, rows, title=f"Fit: {fit.model} by {fit.method}")
-    return [
-        *selection(fit), parameters, *equation, *corrections(fit), *_held_out(fit), *cross_validation(fit),
-        *_remarks(fit), *_to_try(fit),
-    ]  # fmt: skip
+    return table(head, rows, title=f"Fit: {fit.model} by {fit.method}")
 
 
 def _held_out(fit: FitRecord) -> list[Table]:

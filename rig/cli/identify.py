@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.cli.options import Command, MethodName, QuantityOption, RunOrFilter, RunPath, json_option, scheduler_option
-from rig.cli.output import console, show, write_json
+from rig.cli.output import console, show, shown_path, write_json
 from rig.errors import EXIT_DONE
 from rig.identification.cluster import cluster
 from rig.matrix.corrections import CORRECTIONS
@@ -166,7 +166,7 @@ def command(
             options = replace(options, on_progress=lambda line: click.echo(line, err=True))
         fit = identify_run(runs, options, suspect=suspect)
     if fit.kept is not None:
-        click.echo(f"the previous fit was saved as {fit.kept.resolve()}", err=True)
+        click.echo(f"the previous fit was saved as {shown_path(fit.kept)}", err=True)
     if as_json:
         write_json(fit.to_json())
         return EXIT_DONE
@@ -175,7 +175,7 @@ def command(
 
     show(fit_tables(fit), console())
     if fit.path is not None:
-        click.echo(fit.path.resolve())
+        click.echo(shown_path(fit.path))
     return EXIT_DONE
 
 

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from rig.cli.options import Command, QuantityOption, RunPath, json_option, out_option
-from rig.cli.output import console, say, write_json
+from rig.cli.output import console, say, shown_path, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
@@ -234,7 +234,7 @@ def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
             shown.print(line, markup=False, soft_wrap=True)
             if point.quality.record is not None and (use := _use(point.quality.record)):
                 shown.print(f"  {use}", markup=False, soft_wrap=True)
-        say(folder.resolve())
+        say(shown_path(folder))
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID
 
 

@@ -15,7 +15,7 @@ from string import Template
 import click
 
 from rig.cli.options import Command, json_option
-from rig.cli.output import say, write_json
+from rig.cli.output import say, shown_path, write_json
 from rig.errors import EXIT_DONE, FileProblem
 from rig.files.described import described
 from rig.units import UnitProblem, parse
@@ -94,7 +94,7 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
         write_json({"folder": folder.resolve(), "files": [path.name for path in written]})
         return EXIT_DONE
     for path in written:
-        say(f"written: {path}")
+        say(f"written: {shown_path(path)}")
     bench, matrix = (shlex.quote(str(folder / name)) for name in (BENCH, MATRIX))
     say(f'next: check the entries marked "yours" in {bench}, then run:\n  rig check {bench}\n  rig plan {matrix} '
         f"--bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rig.campaign import run_campaign
 from rig.cli.words import error_words
-from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID
+from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID, FileProblem
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.campaign.results import CampaignOptions, CampaignResult
+    from rig.characteristics.force_table import ForceTable
     from rig.cli.junit import JUnitReport
     from rig.cli.page import RunLink
     from rig.matrix.sections import Identify
@@ -49,12 +50,23 @@ class JobResult:
             return self.campaign.exit_code
         return EXIT_DONE if self.error is None else EXIT_IDENTIFICATION
 
+    @property
+    def force_tables(self) -> tuple[ForceTable, ...]:
+        """Force over velocity, as written with the report; empty where it cannot be read."""
+        from rig.cli.force_tables import recorded_tables  # loads numba: only after a run
+
+        try:
+            return recorded_tables(self.campaign.campaign)
+        except (FileProblem, LookupError, TypeError):  # of an earlier version, or written over since
+            return ()
+
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig run --json`."""
         error = {"error": error_words(self.campaign)} if self.campaign.detail else {}
         return {
             **self.campaign.to_json(),
             **error,
+            "force_tables": None if self.report is None else [one.to_json() for one in self.force_tables],
             "fit": None if self.fit is None else str(self.fit),
             "report": None if self.report is None else str(self.report),
             "identification_error": self.error,

@@ -89,6 +89,15 @@ def take_every_character() -> None:
             stream.reconfigure(errors=HANDLER)
 
 
+def shown_path(path: Path) -> str:
+    """A path as every command prints it: relative to the current folder inside it, else absolute; JSON is absolute."""
+    whole = path.resolve()
+    try:
+        return str(whole.relative_to(Path.cwd().resolve())) or "."
+    except (ValueError, OSError):  # elsewhere; or the current folder is gone
+        return str(whole)
+
+
 def say(text: object, *, err: bool = False) -> None:
     """Write one line, in the stream's own encoding (`click.echo` writes UTF-8 to an ASCII terminal)."""
     stream = sys.stderr if err else sys.stdout

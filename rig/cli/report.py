@@ -8,7 +8,7 @@ import click
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, run_argument
-from rig.cli.output import say, write_json, write_pdf
+from rig.cli.output import say, shown_path, write_json, write_pdf
 from rig.errors import EXIT_DONE
 from rig.text_file import read_json
 
@@ -34,7 +34,7 @@ def command(run: Path, on_paper: bool, as_json: bool) -> int:
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
         write_json({**answer, "characteristics": characteristics})
     else:
-        say(path)
+        say(shown_path(path))
         if paper is not None:
-            say(paper)
+            say(shown_path(paper))
     return EXIT_DONE

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, FitName, QuantityOption, json_option
-from rig.cli.output import console, say, show, write_json
+from rig.cli.output import console, say, show, shown_path, write_json
 from rig.errors import EXIT_DONE
 from rig.recording.atomic_write import write_text_durably
 from rig.vehicle.laws import MOST_A, Control
@@ -82,7 +82,7 @@ def command(
 
     show([*differences(study), *numbers(study), *warnings(study)], console())
     if out is not None:
-        click.echo(out.resolve())
+        click.echo(shown_path(out))
     return EXIT_DONE
 
 

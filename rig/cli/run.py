@@ -14,7 +14,7 @@ from rig.campaign_folder import CampaignFolder
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.junit import junit_option, junit_report, take_campaign
 from rig.cli.options import Command, RunPath, json_option, out_option
-from rig.cli.output import console, show, write_json
+from rig.cli.output import console, show, shown_path, write_json
 from rig.cli.page import live_link, page_options, page_settings
 from rig.errors import FileProblem
 
@@ -293,7 +293,20 @@ def _check_usage(
 
 
 def show_result(result: JobResult, shown: Console) -> None:
-    """Say how the job ended: points, stop, fit, paths."""
+    """Say how the job ended: fit and forces first, then what an operator looks for: verdict, error, paths."""
+    error = None
+    if result.fit is not None:
+        from rig.cli.fit_tables import fit_error, fit_summary  # both load numpy
+        from rig.fits.fit_record import FitRecord
+
+        fit = FitRecord.load(result.fit)
+        show(fit_summary(fit), shown)
+        error = fit_error(fit)
+    show_ending(result, shown, error)
+
+
+def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> None:
+    """The end of a job: force tables, verdict of the points, stop, error of the fit, paths."""
     from rich.text import Text
 
     # loads numpy and pyserial: not needed for the help
@@ -301,6 +314,13 @@ def show_result(result: JobResult, shown: Console) -> None:
     from rig.cli.words import ending
 
     campaign = result.campaign
+    if result.report is not None:
+        from rig.cli.force_tables import force_blocks
+        from rig.files.kept_display import kept_display
+
+        shown.print()
+        show(force_blocks(result.force_tables, kept_display(campaign.campaign)), shown)
+        shown.print()
     if not campaign.refused:
         colour = "green" if campaign.valid == campaign.total else "yellow"
         line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
@@ -309,11 +329,8 @@ def show_result(result: JobResult, shown: Console) -> None:
         shown.print(line)
     for style, text in ending(campaign):
         shown.print(Text(text, style=style), soft_wrap=True)
-    if result.fit is not None:
-        from rig.cli.fit_tables import fit_tables  # both load numpy
-        from rig.fits.fit_record import FitRecord
-
-        show(fit_tables(FitRecord.load(result.fit)), shown)
+    if fit_error is not None:
+        shown.print(Text(fit_error))
     if result.error is not None:
         shown.print(Text(f"not identified: {result.error}", style="red"))
     show_paths(result, shown)
@@ -325,4 +342,4 @@ def show_paths(result: JobResult, shown: Console) -> None:
 
     for name, path in (("campaign", result.campaign.campaign), ("fit", result.fit), ("report", result.report)):
         if path is not None:
-            shown.print(Text(f"{name:<9} {path}"), soft_wrap=True)
+            shown.print(Text(f"{name:<9} {shown_path(path)}"), soft_wrap=True)

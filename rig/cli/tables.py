@@ -1,4 +1,4 @@
-"""A plan as blocks of a document: verdict, points as a table, every reason in full.
+"""A plan as blocks of a document: points as a table, a line for each cause that refuses points, the verdict last.
 
 A plan of many points is shown by groups: number of points, their range, the first and the last of them.
 """
@@ -20,19 +20,17 @@ from rig.document.words import FAIR, GOOD, PLAIN, POOR
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
+    from rig.display import Display
     from rig.matrix.plan import Plan, PlannedPoint
 
 FEW = 40
 """Up to so many points all rows are shown."""
 FIRST, LAST = 3, 2
 """Of a longer group, so many rows from its beginning and its end."""
+MOST_SPANS = 6
+"""Runs of neighbouring points that a line names."""
 NO_VALUE = "-"
 
-COLUMNS = (
-    Column("point"), Column("limits"), Column("waveform"), Column("ampl.", "mm", True), Column("freq.", "Hz", True),
-    Column("current", "A", True), Column("speed", "m/s", True), Column("accel.", "m/s^2", True),
-    Column("force", "N", True), Column("heat", "J", True), Column("time", "", True),
-)  # fmt: skip
 COLOURS = {"valid": "green", "suspect": "yellow", "invalid": "red"}
 
 
@@ -84,7 +82,11 @@ def plan_blocks(plan: Plan, *, everything: bool = False) -> Blocks:
     """The plan; of a long one the first and last rows of each group, or `everything`."""
     items = plan.planned_points
     shown = _rows(items, plan) if everything or len(items) <= FEW else _groups(items, plan)
-    return [*_verdict(plan), *shown, *(Note(FAIR, f"warning: {text}") for text in plan.warnings)]
+    reasons = [Note(POOR, f"{item.point.id}: {_why(item, plan)}") for item in items if everything and item.causes]
+    return [
+        *shown, *reasons, *_causes(items), *(Note(FAIR, f"warning: {text}") for text in plan.warnings), Paragraph(""),
+        *_verdict(plan),
+    ]  # fmt: skip
 
 
 def _verdict(plan: Plan) -> Blocks:
@@ -94,9 +96,42 @@ def _verdict(plan: Plan) -> Blocks:
         stated += ", warm-up outside limits"
     heat = "" if plan.energy_J is None else f"; {energy(plan.energy_J)} of heat"
     return [
-        Note(GOOD if plan.feasible else POOR, stated),
         Paragraph(f"{plan.specimen} on {plan.bench_name}; {_rig_time(plan)}{heat}; force {plan.prediction}"),
+        Note(GOOD if plan.feasible else POOR, stated),
     ]
+
+
+def _causes(items: Sequence[PlannedPoint]) -> Blocks:
+    """A line for each cause: its points, and its reason; where that has other numbers at each point, the worst one."""
+    blamed: dict[str, list[tuple[PlannedPoint, str]]] = {}
+    for item in items:
+        for cause, text in zip(item.causes, item.reasons, strict=True):
+            blamed.setdefault(cause.slug, []).append((item, text))
+    lines: Blocks = []
+    for slug, found in blamed.items():
+        worst, text = min(found, key=lambda one: (one[0].would_fit_m or 0.0) / (one[0].point.amplitude_m or 1.0))
+        ids = _spans([item.point.id for item, _ in found], [item.point.id for item in items])
+        alike = len({text for _, text in found}) == 1
+        at = "" if len(found) == 1 or alike else f"worst point {worst.point.id}: "
+        count = "" if len(found) == 1 else f"{len(found)} points, "
+        lines.append(Note(POOR, f"{slug} ({count}{ids}): {at}{text}"))
+    return lines
+
+
+def _spans(ids: Sequence[str], order: Sequence[str]) -> str:
+    """Some of the points in order, neighbours together: "p001 to p004, p009"; the first ones of many."""
+    places = sorted(order.index(name) for name in ids)
+    spans: list[list[int]] = []
+    for place in places:
+        if spans and place == spans[-1][-1] + 1:
+            spans[-1].append(place)
+        else:
+            spans.append([place])
+    words = [
+        order[span[0]] if len(span) == 1 else f"{order[span[0]]}{' to ' if len(span) > 2 else ', '}{order[span[-1]]}"
+        for span in spans
+    ]
+    return ", ".join(words[:MOST_SPANS]) + (", ..." if len(words) > MOST_SPANS else "")
 
 
 def _rig_time(plan: Plan) -> str:
@@ -117,15 +152,16 @@ def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
         few = len(members) <= FIRST + LAST + 1
         rows = members if few else [*members[:FIRST], *members[-LAST:]]
         shown += len(rows)
-        blocks += [Paragraph(""), Note(POOR if slugs else GOOD, f"{verdict}: {count}, {_ranges(members)}")]
+        ranges = _ranges(members, plan.display)
+        blocks += [Paragraph(""), Note(POOR if slugs else GOOD, f"{verdict}: {count}, {ranges}")]
         blocks += _rows(rows, plan, left_out=0 if few else len(members) - len(rows))
     stated = f"{shown} of {len(items)} rows shown; use --all to show all rows, or --json for the data"
     return [*blocks, Paragraph(""), Paragraph(stated)]
 
 
-def _ranges(items: Sequence[PlannedPoint]) -> str:
+def _ranges(items: Sequence[PlannedPoint], shown: Display) -> str:
     values = {
-        "mm": [1e3 * item.point.amplitude_m for item in items],
+        shown.displacement.unit: [shown.displacement.value(item.point.amplitude_m) for item in items],
         "Hz": [item.point.frequency_Hz for item in items if item.point.has_frequency],
         "A": [item.point.current_A for item in items],
     }
@@ -137,33 +173,55 @@ def _ranges(items: Sequence[PlannedPoint]) -> str:
 
 
 def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Blocks:
-    """A table, then the reasons of points outside limits. `left_out` rows follow the first ones."""
-    rows = [Row(_cells(item), PLAIN if item.feasible else POOR) for item in items]
+    """A table; with points outside limits, their causes and the amplitude that would fit are columns of it.
+
+    `left_out` rows follow the first ones.
+    """
+    shown, refused = plan.display, not plan.feasible
+    length = shown.displacement.unit
+    head = [
+        Column("point"), *([Column("limits")] if refused else []), Column("waveform"), Column("ampl.", length, True),
+        *([Column("fits", length, True)] if refused else []), Column("freq.", "Hz", True), Column("current", "A", True),
+        Column("speed", shown.speed.unit, True), Column("accel.", "m/s^2", True),
+        Column("force", shown.force.unit, True), Column("heat", "J", True), Column("time", "", True),
+    ]  # fmt: skip
+    rows = [Row(_cells(item, plan), PLAIN if item.feasible else POOR) for item in items]
     if left_out:
-        rows.insert(FIRST, Row((f"... {left_out} more ...", *[""] * (len(COLUMNS) - 1))))
-    reasons = [
-        Note(POOR, f"{item.point.id}: {_why(item, item is plan.warm_up)}") for item in items if not item.feasible
-    ]
-    return [table(COLUMNS, rows), *reasons]
+        rows.insert(FIRST, Row((f"... {left_out} more ...", *[""] * (len(head) - 1))))
+    return [table(head, rows)]
 
 
-def _cells(item: PlannedPoint) -> tuple[str, ...]:
-    point = item.point
+def _cells(item: PlannedPoint, plan: Plan) -> tuple[str, ...]:
+    point, shown, refused = item.point, plan.display, not plan.feasible
     frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
+    limits = ", ".join(cause.slug for cause in item.causes) or "within"
+    force_N = item.predicted_force_N
     return (
-        point.id, "within" if item.feasible else "outside", point.motion, f"{point.amplitude_m * 1e3:.4g}",
-        frequency, f"{point.current_A:.3g}", f"{item.peaks.speed_m_s:.3f}",
-        f"{item.peaks.acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
+        point.id, *([limits] if refused else []), point.motion, number(shown.displacement.value(point.amplitude_m)),
+        *([_fits(item, plan)] if refused else []), frequency, f"{point.current_A:.3g}",
+        number(shown.speed.value(item.peaks.speed_m_s), 3), f"{item.peaks.acceleration_m_s2:.2f}",
+        number(None if force_N is None else shown.force.value(force_N)), number(item.energy_J),
         duration(item.duration_s),
     )  # fmt: skip
 
 
-def _why(item: PlannedPoint, warm_up: bool) -> str:
-    """A point's reasons; a warm-up that does not warm enough needs more amplitude, not another that fits."""
-    if item.would_fit_m is None and warm_up:
-        return "; ".join(item.reasons)
-    fit = "no amplitude fits" if item.would_fit_m is None else f"{item.would_fit_m * 1e3:.2f} mm fits"
-    return "; ".join((*item.reasons, fit))
+def _fits(item: PlannedPoint, plan: Plan) -> str:
+    """The amplitude that would fit, rounded down; a warm-up that does not warm enough needs more of it."""
+    if item.feasible or (item.would_fit_m is None and item is plan.warm_up):
+        return NO_VALUE
+    if item.would_fit_m is None:
+        return "none"
+    shown = plan.display.displacement
+    step = 10.0 ** (math.floor(math.log10(shown.value(item.would_fit_m))) - 3)
+    return f"{step * math.floor(shown.value(item.would_fit_m) / step * (1.0 + 1e-9)):.4g}"
+
+
+def _why(item: PlannedPoint, plan: Plan) -> str:
+    """A point's reasons, and what would fit."""
+    fits = _fits(item, plan)
+    unit = plan.display.displacement.unit
+    fit = {NO_VALUE: (), "none": ("no amplitude fits",)}.get(fits, (f"{fits} {unit} fits",))
+    return "; ".join((*item.reasons, *fit))
 
 
 def plan_table(plan: Plan) -> list[PlanText]:

@@ -8,7 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 from rig.bench.model import Bench
+from rig.display import SI, Display
 from rig.errors import clean_text
+from rig.files.display_table import display_of
 from rig.matrix.feasibility import (
     Reason,
     command_limit,
@@ -26,7 +28,6 @@ from rig.matrix.stopping import stopping_reach
 from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks
 from rig.signals.stopping import Reach
 from rig.test_point import LOOP, TestPoint
-from rig.units import show
 
 SETTLING_S = 0.5
 """Allowed for each point beside its motion: current settles, rod returns to centre, file closes."""
@@ -96,6 +97,7 @@ class Plan:
     `warnings` are hints that refuse nothing.
     `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window, None where
     the heat that warms is unknown or does not suffice.
+    `display` is how people read its numbers.
     """
 
     points: tuple[PlannedPoint, ...]
@@ -105,6 +107,7 @@ class Plan:
     temperature_s: float | None = 0.0
     warm_up: PlannedPoint | None = None
     warnings: tuple[str, ...] = ()
+    display: Display = SI
 
     @property
     def planned_points(self) -> tuple[PlannedPoint, ...]:
@@ -159,13 +162,13 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     Force is predicted from the specimen's `prior`, or bounded by its `max_force`; without either it is unknown, and
     the force interlock is what protects the rig.
     """
-    specimen = matrix.specimen
+    specimen, display = matrix.specimen, display_of(bench.display, matrix.display)
     predict = forecaster(specimen)
     prediction = "unknown"
     if specimen.assumed is not None:
         prediction = f"from {specimen.assumed.description}"
     elif specimen.max_force_N is not None:
-        prediction = f"at most {show(specimen.max_force_N, 'N')}"
+        prediction = f"at most {display.force.text(specimen.max_force_N)}"
     points = tuple(_check(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
     in_order = [item.point for item in points]
     warnings = (
@@ -182,14 +185,14 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
             "the start",
         )
     if matrix.temperature is None:
-        return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings)
+        return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings, display=display)
     thermal = thermal_of(in_order, predict, matrix.temperature)
     warm_up = _checked_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
     waits_s = None
     if warm_up.feasible and all(item.energy_J is not None for item in (*points, warm_up)):
         loads = [load_of(point, predict) for point in in_order]
         waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
-    return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings)
+    return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings, display)
 
 
 def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:

@@ -131,6 +131,7 @@ def test_a_plan_fits_the_terminal_it_is_shown_on(columns: int, terminal: str) ->
     assert process.returncode == 3
     plain = re.sub(r"\x1b\[[0-9;]*m", "", shown.decode("ascii"))
     assert max(map(len, plain.splitlines())) <= columns
-    assert plain.startswith("2 of 2 points outside limits")
+    assert plain.rstrip().endswith("2 of 2 points outside limits")
     assert ("\x1b[31m" in shown.decode("ascii")) is (terminal != "dumb")
-    assert " ".join(plain.split()).count("and streaming); 11.78 mm fits") == 2
+    assert " ".join(plain.split()).count("and streaming)") == 1
+    assert plain.count("11.78") == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,15 @@ from rich.console import Console
 
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignFinding, CampaignResult, PointResult, StopReport
+from rig.characteristics.force_table import ForceCell, ForceRow, ForceTable
 from rig.cli.display import LiveDisplay, PlainDisplay, display_for
 from rig.cli.fit_tables import fit_tables
+from rig.cli.force_tables import force_blocks
 from rig.cli.job import JobResult
 from rig.cli.output import show
 from rig.cli.run import show_result
 from rig.cli.tables import duration
+from rig.display import Display
 from rig.fits.entries import ErrorSummary, Estimate, Evaluation, ModelScore, SolverReport, TestError
 from rig.fits.fit_record import FitRecord
 from rig.matrix.model import load_matrix
@@ -73,10 +77,14 @@ def test_the_plain_display_says_each_phase_once_and_each_point_with_verdict_reas
             display.phase(phase)
         display.progress("p001", 3, 200.0, LIVE)
         display.point_done(result("invalid", "lost samples: 12"))
+        measured = {"peak_force_rebound_N": 812.3, "peak_force_compression_N": -790.0}
+        display.shown = Display.of({"force": "lbf", "displacement": "in", "positive": "compression"})
+        display.point_done(replace(result("valid"), quality=measured))
         display.message("warning", "station without real-time rights")
     shown = text.getvalue()
     assert shown.count("running") == 1
     assert re.search(r"✗ p001 +sine 30 mm 2 Hz 0.5 A +invalid; lost samples: 12 +1/2, 3 min 20 s left", shown)
+    assert re.search(r"✓ p001  sine 1.181 in 2 Hz 0.5 A +comp. 177.6, reb. -182.6 lbf valid +2/2,", shown)
     assert "warning: station without real-time rights" in shown
 
 
@@ -201,6 +209,22 @@ def test_points_that_are_not_valid_can_be_run_again_and_findings_are_shown() -> 
     show_result(JobResult(done, None, None, None), console)
     assert "1 point is not valid. Run it again with: rig run --resume run" in text.getvalue()
     assert "zero-drift: load cell and controller's force input drifted apart by +40 N" in text.getvalue()
+
+
+def test_force_tables_have_a_row_for_each_current_and_velocity_in_the_units_of_the_display() -> None:
+    cell = ForceCell(("p001",), 444.82216, -889.64432, 1.0, 1.0, 450.0, math.nan)
+    rows = (ForceRow(0.254, 0.0254, 1.5915, (cell, None)), ForceRow(0.508, 0.0508, 1.5915, (None, cell)))
+    console, text = terminal(is_terminal=False)
+    us = Display.of({"force": "lbf", "displacement": "in", "speed": "in/s", "positive": "compression"})
+    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), rows)], us), console)
+    title, _head, *shown_rows = text.getvalue().splitlines()
+    assert title == "Force, compression positive at peak velocity (PVP), sine"
+    assert [row.split() for row in shown_rows] == [
+        ["0", "10", "2", "200", "-100", "-", "-101.2"], ["1.5", "20", "4", "200", "-100", "-", "-101.2"],
+    ]  # fmt: skip
+    show(force_blocks([ForceTable("constant velocity", "triangle", (0.0, 1.5), rows[:1])], Display()), console)
+    assert "Force at constant velocity, triangle, stroke 50.8 mm" in text.getvalue()
+    assert "-889.6" in text.getvalue()
 
 
 FITTED = ErrorSummary(5.0, 4.0, nrmse_percent_of_peak=1.0, per_test=(TestError("p001"),))

@@ -1,4 +1,4 @@
-"""`rig plan` as text: verdict first, nothing lost at any width, long plans by groups."""
+"""`rig plan` as text: verdict last, nothing lost at any width, long plans by groups."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rich.console import Console
 from rig.bench.model import Bench
 from rig.cli.main import main
 from rig.cli.tables import PlanText, duration, energy
+from rig.display import Display
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -21,7 +22,7 @@ from rig.matrix.plan import Plan, plan
 EXAMPLES = Path(__file__).parents[3] / "examples"
 DEMO = Bench.load(EXAMPLES / "demo-bench.toml")
 REFUSED = plan(load_matrix(EXAMPLES / "table1.toml"), Bench.load(EXAMPLES / "paper-bench.toml"))
-WIDTHS = [40, 41, 57, 66, 79, 80, 81, 100, 132, 200]
+WIDTHS = [40, 57, 80, 132]
 
 
 def long_matrix(**changes: object) -> Matrix:
@@ -46,16 +47,18 @@ def words(text: str) -> str:
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_the_verdict_comes_first_and_no_value_or_reason_is_lost(width: int) -> None:
+def test_the_verdict_comes_last_and_no_value_is_lost_and_a_reason_is_one_line(width: int) -> None:
     lines = [text for text, _ in PlanText(REFUSED).lines(width)]
-    assert lines[0] == "20 of 20 points outside limits"
+    assert lines[-1] == "20 of 20 points outside limits"
     assert max(map(len, lines)) <= width
     text = words("\n".join(lines))
     assert "MR-001 on paper bench, 0.15 m/s; 4 min 20 s of rig time; 21 kJ of heat" in text
+    assert text.count("is above the bench's limit") == 1
+    worst = REFUSED.points[3]
+    assert f"speed (20 points, p001 to p020): worst point p004: {worst.reasons[0]}" in text
     for item in REFUSED.points:
-        (reason,) = item.reasons
-        assert f"{item.point.id}: {reason}; {1e3 * (item.would_fit_m or 0.0):.2f} mm fits" in text
-        for value in (f"{item.predicted_force_N:.4g}", f"{item.energy_J:.4g}", f"{item.point.peak_speed_m_s:.3f}"):
+        fits = f"{1e3 * (item.would_fit_m or 0.0):.4g}"
+        for value in (fits, f"{item.predicted_force_N:.4g}", f"{item.energy_J:.4g}", f"{item.peaks.speed_m_s:.3g}"):
             assert value in text
 
 
@@ -63,7 +66,7 @@ def test_the_verdict_comes_first_and_no_value_or_reason_is_lost(width: int) -> N
 def test_names_as_long_as_they_may_be_fit_at_every_width(width: int) -> None:
     item = replace(REFUSED.points[0], point=replace(REFUSED.points[0].point, id="p" * 32))
     lines = [text for text, _ in PlanText(replace(REFUSED, points=(item,), bench_name="b" * 64)).lines(width)]
-    assert max(map(len, lines)) <= width
+    assert max(map(len, lines)) <= max(width, 67)  # no name is broken: it could not be copied
     assert "".join(lines).replace(" ", "").count("b" * 64) == 1
 
 
@@ -72,7 +75,7 @@ def test_a_long_plan_is_shown_by_groups_with_its_hours(width: int, long_plan: Pl
     lines = [text for text, _ in PlanText(long_plan).lines(width)]
     bad = sum(not item.feasible for item in long_plan.points)
     assert 0 < bad < 5000
-    assert lines[0] == f"{bad} of 5000 points outside limits"
+    assert lines[-1] == f"{bad} of 5000 points outside limits"
     assert len(lines) < 100
     assert max(map(len, lines)) <= width
     text = words("\n".join(lines))
@@ -89,6 +92,17 @@ def test_with_all_every_row_and_every_reason_is_shown(long_plan: Plan) -> None:
     assert all(f"\n{item.point.id} " in text for item in long_plan.points)
     bad = sum(not item.feasible for item in long_plan.points)
     assert text.count("mm fits") + text.count("no amplitude fits") == bad
+
+
+def test_points_of_a_cause_are_named_in_runs_of_neighbours_and_in_the_units_of_the_display() -> None:
+    points = [replace(item, causes=() if place in {2, 5, 6} else item.causes) for place, item in enumerate(
+        REFUSED.points[:9])]  # fmt: skip
+    shown = Display.of({"displacement": "in", "force": "lbf"})
+    text = words(str(PlanText(replace(REFUSED, points=tuple(points), display=shown))))
+    assert "speed (6 points, p001, p002, p004, p005, p008, p009): worst point p004" in text
+    assert "within limits" not in text
+    assert f"{(points[0].would_fit_m or 0.0) / 0.0254:.4g}"[:4] in text
+    assert f"{(points[0].predicted_force_N or 0.0) / 4.4482216:.4g}" in text
 
 
 def test_piped_output_does_not_depend_on_the_terminal(

@@ -66,7 +66,7 @@ def test_a_signal_is_reported_by_its_name_its_reach_and_its_time_not_by_a_freque
         "road paper-sweep up to 10 mm for 6 s, 1 A", "file drive up to 12 mm for 5 s, 1 A",
     ]  # fmt: skip
     table = str(PlanText(planned(tmp_path, text, rows())))
-    rows_of = {line.split()[2]: line.split()[3:6] for line in table.splitlines() if line.startswith("p0")}
+    rows_of = {line.split()[1]: line.split()[2:5] for line in table.splitlines() if line.startswith("p0")}
     assert rows_of["sine"] == ["5", "1", "1"]
     assert rows_of["sweep"][1:] == ["-", "1"], "no frequency beside it"
 

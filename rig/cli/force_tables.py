@@ -1,0 +1,71 @@
+"""Force over velocity at the end of a run, as damper dynamometers print it: a row for each current and velocity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from rig.campaign_folder import CampaignFolder
+from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceTable
+from rig.document.blocks import Blocks, Column, Paragraph, table
+from rig.text_file import read_json
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rig.display import Display, Shown
+
+MOST_ROWS = 40
+"""Rows of one table on a terminal; the report has all."""
+
+
+def recorded_tables(run: Path) -> tuple[ForceTable, ...]:
+    """The tables that were written with a run's report.
+
+    Raises:
+        FileProblem: `characteristics.json` is damaged.
+    """
+    return tuple(map(ForceTable.from_json, read_json(CampaignFolder(run).characteristics).get("force_tables", [])))
+
+
+def force_blocks(tables: Sequence[ForceTable], shown: Display) -> Blocks:
+    """Each table in the units and with the signs of the display."""
+    return [block for one in tables for block in _blocks(one, shown)]
+
+
+def _blocks(one: ForceTable, shown: Display) -> Blocks:
+    what = "constant velocity" if one.kind == CONSTANT_VELOCITY else "peak velocity (PVP)"
+    stroke = [] if one.constant_stroke else [Column("stroke", shown.displacement.unit, True)]
+    force = shown.force.unit
+    head = [
+        Column("current", "A", True), Column("velocity", shown.speed.unit, True), *stroke,
+        Column("compression", force, True), Column("rebound", force, True), Column("peak comp.", force, True),
+        Column("peak reb.", force, True),
+    ]  # fmt: skip
+    rows = list(_rows(one, shown))
+    size = "" if stroke else f", stroke {shown.displacement.text(2.0 * one.rows[0].amplitude_m)}"
+    title = f"{shown.force.title('Force')} at {what}, {one.waveform}{size}"
+    left = len(rows) - MOST_ROWS
+    more = [Paragraph(f"... {left} more rows in the report")] if left > 0 else []
+    return [table(head, rows[:MOST_ROWS], title=title), *more]
+
+
+def _rows(one: ForceTable, shown: Display) -> Iterator[list[str]]:
+    for place, current_A in enumerate(one.currents_A):
+        for row in one.rows:
+            cell = row.cells[place]
+            if cell is None:
+                continue
+            stroke = [] if one.constant_stroke else [f"{shown.displacement.value(2.0 * row.amplitude_m):.4g}"]
+            forces = (
+                cell.compression_N, cell.rebound_N, cell.peak_force_compression_N, cell.peak_force_rebound_N,
+            )
+            yield [
+                f"{current_A:.3g}", f"{shown.speed.value(row.speed_m_s):.3g}", *stroke,
+                *(_signed(shown.force, force_N) for force_N in forces),
+            ]  # fmt: skip
+
+
+def _signed(shown: Shown, force_N: float) -> str:
+    return f"{shown.signed(force_N):.4g}" if math.isfinite(force_N) else "-"
