@@ -1,4 +1,4 @@
-"""What the operator's page costs and how fast it is: processor, memory, Stop, and a sample's way to the screen.
+"""What the operator's page costs and how fast it is: processor, memory, Stop, pointer, a sample's way to the screen.
 
     python benchmarks/page.py [--seconds 30] [--viewers 1] [--stops 200] [--no-browser] [--json]
     python benchmarks/page.py periods [--minutes 5] [--poll-ms 4] [--no-real-time] [--json]
@@ -41,6 +41,7 @@ from rig.station.live_folder import replace_json
 from rig.station.stop_socket import StopSocket
 
 WARM_S = 3.0
+LISTS = "[rigPage.latencies_ms, rigPage.pointer_ms, rigPage.frames_ms]"
 CHROMIUM_ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 
 
@@ -139,13 +140,17 @@ def cost(folder: Path, seconds: float, viewers: int, browser: bool) -> dict[str,
         found["core_percent"] = round(100.0 * spent_s / wall_s, 2)
         found["frames_per_s"] = round(min(frames) / wall_s, 1)
         if browser:
-            found["sample_to_pixel_ms"] = quantiles(pixels(page.url, seconds))
+            found |= drawn(page.url, seconds)
         found["resident_MB"] = round(resident_MB(page.pid), 1)
     return found
 
 
-def pixels(url: str, seconds: float) -> list[float]:
-    """Ages of the newest sample when a frame had been drawn (ms), in Chromium."""
+def drawn(url: str, seconds: float) -> dict[str, object]:
+    """In Chromium, with the pointer moving over a loop.
+
+    Ages of the newest sample when a frame had been drawn (ms), times from the pointer's event to its values (ms), times
+    to draw a frame (ms), and frames drawn in a second.
+    """
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -153,11 +158,20 @@ def pixels(url: str, seconds: float) -> list[float]:
         page = chromium.new_page(viewport={"width": 1366, "height": 768}, bypass_csp=True)
         page.goto(url)
         page.wait_for_timeout(1e3 * WARM_S)
-        page.evaluate("rigPage.latencies_ms.length = 0")
-        page.wait_for_timeout(1e3 * seconds)
-        ages_ms: list[float] = page.evaluate("rigPage.latencies_ms")
+        page.evaluate(f"{LISTS}.forEach(list => list.length = 0)")
+        box = page.locator("#plot-fx .u-over").bounding_box() or {}
+        began_ns = monotonic_ns()
+        while (monotonic_ns() - began_ns) * 1e-9 < seconds:
+            share = 0.2 + 0.6 * ((monotonic_ns() - began_ns) * 1e-9 % 1.0)
+            page.mouse.move(box["x"] + share * box["width"], box["y"] + share * box["height"])
+            page.wait_for_timeout(50)
+        ages_ms, pointer_ms, frames_ms = page.evaluate(LISTS)
+        wall_s = (monotonic_ns() - began_ns) * 1e-9
         chromium.close()
-    return ages_ms
+    return {
+        "sample_to_pixel_ms": quantiles(ages_ms), "pointer_to_values_ms": quantiles(pointer_ms),
+        "draw_ms": quantiles(frames_ms), "drawn_per_s": round(len(frames_ms) / wall_s, 1),
+    }
 
 
 def stops(count: int) -> list[float]:

@@ -65,7 +65,7 @@ function judge() {
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); legends(); redraw(); }
   by_id("close").hidden = !(over && connected() && standing.role === "operator");
-  document.body.classList.toggle("old", (!connected() || !state.running) && !(over && last_selected()));
+  document.body.classList.toggle("old", (!connected() || !state.running) && !(over && selected.some(Boolean)));
   document.title = `${verdict} – MR damper rig`;
   ages();
 }

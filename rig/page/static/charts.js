@@ -26,7 +26,11 @@ const QUANTITIES = {
 };
 function shown(quantity, si) { const { scale, offset, sign } = QUANTITIES[quantity]; return sign * (si - offset) / scale; }
 function magnitude(quantity, si) { const { scale, offset } = QUANTITIES[quantity]; return (si - offset) / scale; }
+function peak_text(si) { // as many places in every row
+  return shown("force", si).toFixed(Math.min(3, Math.max(0, Math.round(Math.log10(QUANTITIES.force.scale))))).replace(/^-(0\.?0*)$/, "$1");
+}
 function with_unit(quantity, si) { return `${number(shown(quantity, si))} ${QUANTITIES[quantity].unit}`; }
+function with_unit_of(name, quantity) { return `${name} (${QUANTITIES[quantity].unit})`; }
 function shown_range(quantity, [low, high]) { return [shown(quantity, low), shown(quantity, high)].sort((a, b) => a - b); }
 
 // An axis that follows its data without jumping: it grows at once, and shrinks only where the data need about half of it.
@@ -34,12 +38,15 @@ class Range {
   constructor() { this.low = NaN; this.high = NaN; }
   follow(low, high, least, may_shrink = true) {
     if (!(low <= high) || !isFinite(high - low)) { low = 0; high = 0; } // nothing measured
+    const known = this.high > this.low;
+    if (!known && high === low && !(least > 0)) return [-1, 1];
+    if (known && !may_shrink) least = 0;
     const middle = (low + high) / 2, half = Math.max((high - low) / 2, least, 1e-9 * Math.abs(middle), 1e-12);
     let [bottom, top] = [middle - 1.08 * half, middle + 1.08 * half];
     if (Math.abs(middle) < 0.3 * half) { top = Math.max(-bottom, top); bottom = -top; } // about zero
-    const fits = low >= this.low && high <= this.high && bottom <= top;
+    const fits = low >= this.low && high <= this.high && this.high - this.low >= 1.99 * least;
     if (fits && (!may_shrink || top - bottom > 0.55 * (this.high - this.low))) return [this.low, this.high];
-    if (!may_shrink && isFinite(this.low)) { bottom = Math.min(bottom, this.low); top = Math.max(top, this.high); }
+    if (!may_shrink && known) { bottom = Math.min(bottom, this.low); top = Math.max(top, this.high); }
     [this.low, this.high] = [bottom, top];
     return [bottom, top];
   }
@@ -74,6 +81,7 @@ class Plot {
         points: { show: false }, paths: (plot, series) => this.path(plot, index),
       }))],
       cursor: {
+        y: !options.x_only,
         points: { show: false }, dataIdx: () => null, drag: { x: true, y: !options.x_only, setScale: false, dist: 5, uni: options.x_only ? null : 20 },
         bind: { dblclick: () => () => this.reset() }, ...(options.sync ? { sync: { key: options.sync, setSeries: false, scales: ["x", null] } } : {}),
       },
@@ -179,8 +187,11 @@ class Plot {
     tip.hidden = !found || this.options.silent; mark.hidden = !found || found.left === undefined;
     if (!found) return;
     if (tip.textContent !== found.text) tip.textContent = found.text;
-    tip.classList.toggle("beside", left > plot.over.clientWidth / 2);
-    tip.style.left = `${left}px`; tip.style.top = `${Math.min(top, Math.max(0, plot.over.clientHeight - tip.offsetHeight))}px`;
+    if (!tip.hidden) {
+      const gap = 0.9 * rem(), wide = tip.offsetWidth, right = left + gap + wide <= plot.over.clientWidth;
+      tip.style.left = `${right ? left + gap : Math.max(-plot.bbox.left / ratio, left - gap - wide)}px`;
+      tip.style.top = `${Math.min(top + gap, Math.max(0, plot.over.clientHeight - tip.offsetHeight))}px`;
+    }
     if (!mark.hidden) mark.style.transform = `translate(${found.left}px, ${found.top}px)`;
     const since = this.moved || (event ? event.timeStamp : 0);
     if (since && since !== this.measured) { this.measured = since; pointer_ms.push(performance.now() - since); if (pointer_ms.length > 2000) pointer_ms.shift(); }
@@ -219,7 +230,7 @@ function draw_by_columns(pen, times, values, px, py, held) {
   if (!isNaN(column)) flush();
 }
 function draw_with_dots(pen, xs, ys, px, py) {
-  const radius = 0.2 * rem() * (window.devicePixelRatio || 1);
+  const radius = (xs.length > 100 ? 0 : 0.2 * rem()) * (window.devicePixelRatio || 1);
   let on = false;
   for (let i = 0; i < xs.length; i++) {
     if (!isFinite(ys[i])) { on = false; continue; }
@@ -244,7 +255,7 @@ class LoopChart {
   }
   name_axes() {
     const { x, y } = this.plot.options;
-    x.label = `${this.name} in ${QUANTITIES[this.quantity].unit}`; y.label = `force in ${QUANTITIES.force.unit}`;
+    x.label = with_unit_of(this.name, this.quantity); y.label = with_unit_of("force", "force");
     this.x_range = new Range(); this.y_range = new Range(); this.plot.view = null; this.plot.build();
   }
   values(found) {
@@ -310,7 +321,7 @@ class StripChart {
     this.name_axes();
   }
   name_axes() {
-    for (const lane of this.lanes) { lane.plot.options.y.label = `${lane.name} in ${QUANTITIES[lane.quantity].unit}`; lane.range = new Range(); lane.plot.build(); }
+    for (const lane of this.lanes) { lane.plot.options.y.label = with_unit_of(lane.name, lane.quantity); lane.range = new Range(); lane.plot.build(); }
   }
   splits(low, high) {
     const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20].find((one) => (high - low) / one <= Math.max(2, this.lanes[0].plot.box.clientWidth / (5 * rem()))) || 50;
@@ -368,7 +379,7 @@ class TrendChart {
     });
     this.name_axes();
   }
-  name_axes() { this.plot.options.y.label = `${this.name} in ${QUANTITIES[this.quantity].unit}`; this.range = new Range(); this.plot.build(); }
+  name_axes() { this.plot.options.y.label = with_unit_of(this.name, this.quantity); this.range = new Range(); this.plot.build(); }
   draw(points) { // [{ id, described, values: [SI, ...] or null }]
     this.points = points;
     const lines = this.lines.map((line, index) => {

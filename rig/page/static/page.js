@@ -4,7 +4,6 @@ const by_id = (id) => document.getElementById(id);
 let series = new Map();
 let run = null, state = {}, results = {}, standing = {}, host_now = 0, host_at = 0, first_at = 0, drawn = true, drawn_at = 0;
 let selected = []; // by place of its colour: { id, stamp, name, series, end_s } of a finished point, or null
-let chosen = false; // the operator has selected points
 const latencies_ms = [], frames_ms = [];
 window.rigPage = { latencies_ms, pointer_ms, frames_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get results() { return results; }, get recorded() { return last_selected(); }, get selected() { return selected; }, get charts() { return { loops, strips, trends }; }, frames: 0 };
 
@@ -82,7 +81,7 @@ function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s()
 function take_display(display) { // units and signs of `[display]`
   for (const [name, { unit, scale, offset, sign }] of Object.entries(display || {})) QUANTITIES[name] = { unit: SYMBOLS[unit] || unit, scale, offset, sign };
   for (const { chart } of [...loops, ...trends]) chart.name_axes();
-  strips.name_axes(); rows_of = null;
+  strips.name_axes(); rows_of = null; by_id("peak-unit").textContent = `in ${QUANTITIES.force.unit}`;
 }
 const SYMBOLS = { degC: "°C", degF: "°F", K: "K" };
 // Half ranges (SI) that the loops show at least: of the running point, at rest those of the plan.
@@ -137,21 +136,24 @@ function select(id) {
 function stamp(id) { const one = results[id] || {}; return `${one.file} ${one.verdict}`; }
 function choose(id) { // selects a point, or deselects it
   if (!results[id] || !results[id].file) return;
-  const place = place_of_point(id); chosen = true; answer("");
+  const place = place_of_point(id); answer("");
   if (place >= 0) selected[place] = null; else select(id);
   show_selection();
 }
 function show_selection() { for (const one of run ? run.points : []) show_row(one.id); strips.reset(); legends(); drawn_at = 0; redraw(); }
-function deselect_all() { selected = []; chosen = false; show_selection(); }
+function deselect_all() { selected = []; shown_at_end = false; show_selection(); }
 function refresh_selected() { // a point that was repeated has another file
   for (const one of selected) if (one && one.stamp !== stamp(one.id)) { one.stamp = stamp(one.id); say({ do: "recorded", point: one.id }); }
 }
 function show_first() { // at the end: the point that was stopped, else the first one
-  if (!state.ended || state.running || chosen || selected.some(Boolean)) return;
-  const files = Object.keys(results).filter((id) => results[id].file), stopped = state.ended.stopped_by || state.ended.cut_off;
-  const first = files.includes(state.point) && stopped ? state.point : stopped ? files[files.length - 1] : files[0];
-  if (first) { select(first); show_selection(); }
+  const stopped = state.ended && Boolean(state.ended.stopped_by || state.ended.cut_off);
+  if (!state.ended || state.running || shown_at_end || (!stopped && selected.some(Boolean))) return;
+  const files = Object.keys(results).filter((id) => results[id].file), first = stopped ? files[files.length - 1] : files[0];
+  if (!first) return;
+  shown_at_end = true;
+  if (place_of_point(first) < 0) { select(first); show_selection(); }
 }
+let shown_at_end = false;
 function answered(message) {
   if (message.do === "clock" && message.ok) { clock_answered(message); return; }
   if (message.do === "explain" && message.ok) { explain(message); return; }

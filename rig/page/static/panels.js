@@ -60,7 +60,7 @@ function show_row(id, one = point(id)) {
   row.dataset.shown = wanted; row.className = `row ${verdict.replace(" ", "-")}${row === running_row ? " running" : ""}`; row.title = `${id}: ${describe(one)}${verdict ? `, ${verdict}` : ""}`;
   const peaks = peaks_of(judged), motion = element("span", describe(one), "motion"), head = element("b", `${mark} ${id}`);
   head.setAttribute("aria-label", `${id} ${verdict}`);
-  row.replaceChildren(head, motion, element("span", peaks ? number(shown("force", peaks[1])) : "", "force"), element("span", peaks ? number(shown("force", peaks[0])) : "", "force"));
+  row.replaceChildren(head, motion, element("span", peaks ? peak_text(peaks[1]) : "", "force"), element("span", peaks ? peak_text(peaks[0]) : "", "force"));
   if (judged.file) {
     const show = push_button("loops", `show or hide the loops of ${id}`, () => choose(id));
     show.setAttribute("aria-label", `loops of ${id}`); show.setAttribute("aria-pressed", String(place >= 0));
@@ -83,6 +83,7 @@ function legends() {
   if (!state.ended) for (const [name, kind] of [["this cycle", "now"], ["previous cycle", "before"], ["now", "dot"]]) list.append(chip(name, kind)[0]);
   selected.forEach((one, place) => { if (one) { const [item, swatch] = chip(one.name, ""); swatch.style.borderColor = `var(--overlay-${place + 1})`; list.append(item); } });
   if (bounded) list.append(chip("outside limits", "limits")[0]);
+  if (QUANTITIES.force.sign < 0) list.append(element("li", "compression is positive"));
   for (const [name, kind] of [["force, displacement, current, coil", "now"], ["displacement of the controller, commanded current, ECU", "dashed"]]) strip.append(chip(name, kind)[0]);
 }
 
@@ -117,7 +118,7 @@ function gauges() {
     const over = live && bounded && (value < low || value > high);
     gauge.text.textContent = live ? `${over ? "✗ outside limits: " : ""}${number(value)} ${unit}` : "–";
     gauge.track.hidden = !bounded || !live;
-    const limits = !bounded ? "" : gauge.one ? `limit ${plain(high)} ${unit}` : `limits ${plain(low)} to ${plain(high)} ${unit}`;
+    const limits = !bounded ? "" : gauge.one ? `limit ${plain(high)} ${unit}` : high === -low ? `limits ±${plain(high)} ${unit}` : `limits ${plain(low)} to ${plain(high)} ${unit}`;
     gauge.note.textContent = live ? limits : `last ${number(value)} ${unit}${state.running ? `, ${duration(age)} ago` : ""}`;
     gauge.hand.style.left = bounded ? `${Math.min(100, Math.max(0, 100 * (value - low) / (high - low)))}%` : "0";
     gauge.box.classList.toggle("over", over);
