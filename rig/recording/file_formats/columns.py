@@ -219,7 +219,7 @@ def _found(columns: Sequence[TableColumn], text: str) -> tuple[int, str]:
 def _places(columns: Sequence[TableColumn], requested: str) -> list[int]:
     if re.fullmatch(r"#[0-9]{1,6}", requested) and 1 <= int(requested[1:]) <= len(columns):
         return [int(requested[1:]) - 1]
-    for attribute in ("full", "name"):
+    for attribute in ("full", "name", "also"):
         places = [k for k, column in enumerate(columns) if requested and getattr(column, attribute) == requested]
         if places:
             return places

@@ -64,7 +64,7 @@ def _binary(file: Path, data: bytes) -> TableFile | None:
         return TdmsFile(file, data)
     if data[:8] in (b"MDF     ", b"UnFinMF "):
         return Mf4File(file, data)
-    if data[:6] == b"MATLAB" or (file.suffix == ".mat" and b"\0" in data[:1024]):
+    if (data[:7] == b"MATLAB " and data[7:8].isdigit()) or (file.suffix == ".mat" and b"\0" in data[:1024]):
         return MatFile(file, data)
     if is_hdf5(data):
         return Hdf5File(file, data)

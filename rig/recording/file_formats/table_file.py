@@ -40,12 +40,14 @@ class TableColumn:
         unit: as the file says; empty where it says none.
         full: another name by which it is found: with its unit as a CSV head has it, or with its group.
         unapplied: a property (`gain = 0.05`) that may be the factor of its integers, and is none of the format's own.
+        also: a third name by which it is found: by its number, where a matrix names its columns.
     """
 
     name: str
     unit: str = ""
     full: str = ""
     unapplied: str = ""
+    also: str = ""
 
 
 @dataclass(frozen=True)

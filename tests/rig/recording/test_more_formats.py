@@ -145,6 +145,16 @@ def hdf5(path: Path) -> None:
         file["M"] = np.column_stack([T, X_MM, F_N])
         file["table"] = np.rec.fromarrays([T, X_MM, F_N], names="t_s,x_mm,F_N")  # type: ignore[call-overload]
         file["link"] = h5py.ExternalLink("other.h5", "/x")
+        inner = np.dtype([("x", "f4"), ("F", "f8", (2,))])
+        nested = np.zeros(ROWS, [("cycle", "i4"), ("front", inner)])
+        nested["front"]["x"], nested["front"]["F"][:, 1] = X_MM, F_N
+        file["daq/nested"] = nested
+        file["daq/nested"].attrs.update({"x_units": "mm", "units": [b"-", b"?", b"N"]})
+        file["daq"].attrs["Sample Rate (Hz)"] = b"200.0"
+        file["labelled"] = np.stack([X_MM, F_N])
+        file["labelled"].attrs.update({"columns": [b"x", b"F"], "units": "mm, N", "dt": np.float32(0.005)})
+        file["old/block0_values"], file["old/block0_items"] = np.stack([X_MM, F_N], 1), [b"x_mm", b"F_N"]
+        file["old"].attrs["fs"] = 100
 
 
 def struct_array(path: Path) -> None:
@@ -199,6 +209,9 @@ READ: dict[str, tuple[str, Callable[[Path], None], dict[str, str]]] = {
     "hdf5 by path": ("a.h5", hdf5, {"time": "run1/t", "displacement": "run1/x", "force": "/run1/F"}),
     "hdf5 matrix": ("a.h5", hdf5, {"time": "M(1):s", "displacement": "M(2):mm", "force": "M(3):N"}),
     "hdf5 table": ("a.h5", hdf5, {"time": "table/t_s", "displacement": "table/x_mm", "force": "table/F_N"}),
+    "hdf5 nested table": ("a.h5", hdf5, {"displacement": "daq/nested/front/x", "force": "daq/nested/front/F(2)"}),
+    "hdf5 named columns": ("a.h5", hdf5, {"displacement": "labelled/x", "force": "labelled(2)"}),
+    "hdf5 of pandas": ("a.h5", hdf5, {"time": "run1/t", "displacement": "old/x_mm", "force": "old/F_N"}),
     "struct array": ("a.mat", struct_array,
                      {"time": "data(2).t:s", "displacement": "data(2).x_mm", "force": "data(2).F_N"}),
     "cell array": ("a.mat", struct_array, {"time": "mixed{1}:s", "displacement": "mixed{2}:mm",
@@ -220,6 +233,14 @@ def test_formats_of_this_field_are_read(name: str, tmp_path: Path) -> None:
     assert test.time_s[:ROWS] == pytest.approx(T, abs=1e-6)
     assert test.displacement_m[:ROWS] == pytest.approx(X_MM * 1e-3, abs=1e-6)
     assert test.force_N[:ROWS] == pytest.approx(F_N, abs=0.05)
+
+
+def test_hdf5_data_sets_of_different_rates_are_refused(tmp_path: Path) -> None:
+    hdf5(tmp_path / "a.h5")
+    assert "time from the attribute 'Sample Rate (Hz)' = 200 (Hz)" in read(
+        tmp_path / "a.h5", READ["hdf5 nested table"][2])[0].read_as  # fmt: skip
+    with pytest.raises(FileProblem, match=r"old/x_mm: 'fs' = 100 \(Hz\), labelled/F: 'dt' = 0\.005 \(s\)"):
+        read(tmp_path / "a.h5", {"displacement": "old/x_mm", "force": "labelled/F"})
 
 
 def test_hdf5_integers_with_an_unknown_factor_are_refused(tmp_path: Path) -> None:
@@ -258,6 +279,13 @@ NAMED = {
     "uff": (b"    -1\n    58\nx\n" + b"0.1 0.2 0.3\n" * 99, "a universal file"),
     "html": (b"<html><table><tr><td>1</td></tr></table></html>", "a web page"),
     "tdm": (b'<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x">', "DIAdem TDM file"),
+    "spss": (b"$FL2@(#) SPSS DATA FILE" + bytes(200), "an SPSS file"),
+    "ods model": (b'<?xml version="1.0"?>\n<atfx_file version="1">', "an ASAM ODS file (ATFX)"),
+    "daq": (b"MATLAB Data Acquisition File.\0" + bytes(200), "daqread"),
+    "catman": (b"\x93\x13" + bytes(200), "an HBM catman file"),
+    "wav": (b"RIFF\0\0\0\0WAVEfmt " + bytes(200), "an audio file"),
+    "json": (b'{"t": [0, 1, 2], "x": [1, 2, 3]}', "pandas.read_json"),
+    "pickle": (b"\x80\x04\x95" + bytes(200), "can execute code"),
     "unknown": (bytes(range(256)) * 4, "a binary file of an unknown format"),
     "utf-16 without mark": ("t_s,x_mm,F_N\n1,2,3\n".encode("utf-16-le"), "--encoding utf-16-le"),
 }
