@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,19 +22,33 @@ from rig.signals.arrays import FloatArray
 SIGNATURE = b"LabVIEW Measurement"
 END = "***End_of_Header***"
 X_VALUE, COMMENT = "X_Value", "Comment"
+T = TypeVar("T")
 SEPARATORS = {"tab": "\t", "comma": ","}
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Header of a segment: line of its names (from 1), units, and the time of its samples (s) where it states one."""
+    """Header of a segment: line of its names (from 1), and what it states of each channel, in their order.
+
+    Attributes:
+        line: of the names.
+        units: empty where a channel has none.
+        is_time: whether its x axis is the time.
+        first_s: x of the first sample (s).
+        step_s: step of x (s); NaN where the header states none.
+        begun: date and time from which x counts.
+    """
 
     line: int
     units: tuple[str, ...]
     is_time: bool
     first_s: tuple[float, ...]
     step_s: tuple[float, ...]
-    begun: str
+    begun: tuple[str, ...]
+
+    def times_of(self, channels: Sequence[int]) -> set[tuple[float, float, str]]:
+        """First x, step and beginning of channels; one element if they were sampled together."""
+        return {(_at(self.first_s, k, 0.0), _at(self.step_s, k, np.nan), _at(self.begun, k, "")) for k in channels}
 
 
 class LvmFile(CsvFile):
@@ -55,8 +70,8 @@ class LvmFile(CsvFile):
         )
         super().__init__(file, data, stated)
         self._segments = list(self._headers())
-        if len({one.units for one in self._segments}) > 1:
-            other = next(one for one in self._segments if one.units != self._segments[0].units)
+        if len({_ended(one.units) for one in self._segments}) > 1:
+            other = next(one for one in self._segments if _ended(one.units) != _ended(self._segments[0].units))
             raise FileProblem(str(file), [
                 f"line {other.line}: this segment has the units {', '.join(other.units)}; the first segment has "
                 f"{', '.join(self._segments[0].units)}. Fix: save each segment as a separate file",
@@ -68,13 +83,17 @@ class LvmFile(CsvFile):
         columns = super().columns
         if not self._segments:
             return columns
-        channels = iter(self._segments[0].units)
-        return [self._with_unit(column, channels) for column in columns]
+        return [self._with_unit(column, place) for place, column in enumerate(columns)]
 
-    def _with_unit(self, column: TableColumn, channels: Iterator[str]) -> TableColumn:
+    def _with_unit(self, column: TableColumn, place: int) -> TableColumn:
         if column.name == X_VALUE:
             return replace(column, unit="s" if self._segments[0].is_time else column.unit)
-        return replace(column, unit=column.unit or next(channels, "")) if column.name != COMMENT else column
+        unit = column.unit or _at(self._segments[0].units, self._channel(place), "")
+        return column if column.name == COMMENT else replace(column, unit=unit)
+
+    def _channel(self, place: int) -> int:
+        """Which channel, from 0, a column is."""
+        return sum(name not in {X_VALUE, COMMENT} for name in self.layout.names[:place])
 
     @property
     def read_as(self) -> str:
@@ -91,21 +110,28 @@ class LvmFile(CsvFile):
         if not self._segments or not all(one.is_time for one in self._segments):
             return None
         names = [column.name for column in self.columns]
-        if X_VALUE in names and self.layout.sample[names.index(X_VALUE)]:
+        channels = [self._channel(place) for place in places]
+        for segment in self._segments:
+            if len(segment.times_of(channels)) > 1:
+                raise FileProblem(str(self._file), [f"line {segment.line}: the channels were not sampled together: " + (
+                    "; ".join(f"{names[place]}: X0 {_at(segment.first_s, channel, 0.0):g} s, Delta_X "
+                              f"{_at(segment.step_s, channel, np.nan):g} s, {_at(segment.begun, channel, '')}"
+                              for place, channel in zip(places, channels, strict=True))
+                )])  # fmt: skip
+        first = self._segments[0].times_of(channels) == self._segments[0].times_of([0])
+        if X_VALUE in names and self.layout.sample[names.index(X_VALUE)] and (names.count(X_VALUE) > 1 or first):
             return self._x_values(places, names)
         edges = [0, *(one.row for one in self.breaks() if one.heading), len(self.values(places)[0])]
-        begun = [_instant(one.begun) for one in self._segments]
-        parts = []
-        for count, segment, at in zip(np.diff(edges), self._segments, begun, strict=False):
-            if len({*segment.step_s, *segment.first_s[1:]} - {segment.step_s[0], segment.first_s[0]}) or not (
-                np.isfinite(segment.step_s[0]) and segment.step_s[0] > 0.0
-            ):
-                raise FileProblem(str(self._file), [
-                    f"line {segment.line}: the channels were not sampled together: X0 {segment.first_s}, Delta_X "
-                    f"{segment.step_s} s. Fix: specify a time column"
-                ])  # fmt: skip
-            after_s = (at - begun[0]).total_seconds() if at is not None and begun[0] is not None else 0.0
-            parts.append(after_s + segment.first_s[0] + segment.step_s[0] * np.arange(count))
+        parts, begun = [], []
+        for count, segment in zip(np.diff(edges), self._segments, strict=False):
+            first_s, step_s, at = segment.times_of(channels).pop()
+            if not (np.isfinite(step_s) and step_s > 0.0):
+                raise FileProblem(str(self._file), [f"line {segment.line}: the header of the segment states no "
+                    "Delta_X. Fix: specify a time column or --rate"])
+            begun.append(_instant(at))
+            known = begun[-1] is not None and begun[0] is not None
+            after_s = (begun[-1] - begun[0]).total_seconds() if known else 0.0  # type: ignore[operator]  # both known
+            parts.append(after_s + first_s + step_s * np.arange(count))
         return np.concatenate(parts)
 
     def _x_values(self, places: Sequence[int], names: Sequence[str]) -> FloatArray:
@@ -124,25 +150,38 @@ class LvmFile(CsvFile):
         return columns[0]
 
     def _headers(self) -> Iterator[Segment]:
-        """The header of each segment."""
+        """The header of each segment. With an x column for each channel, every second cell of a line is a channel's."""
         separator, lines = self.layout.separator, self._text.split("\n")
-        keys: dict[str, list[str]] = {}
+        every, keys = 1, dict[str, list[str]]()
         for number, line in enumerate(lines):
             key, _, rest = line.partition(separator)
             if not key[:1].isalpha() and not key.startswith("***"):
                 continue
+            cells = cells_of(rest, separator)
+            if key.strip() == "X_Columns":
+                every = 2 if cells[:1] == ["Multi"] else 1
             if key.strip() != END:
-                keys[key.strip()] = [cell for cell in cells_of(rest, separator) if cell]
+                keys[key.strip()] = cells
                 continue
             if "Delta_X" in keys or "Y_Unit_Label" in keys or "Channels" in keys:
+                stated = {name: held[::every] for name, held in keys.items()}
+                begun = zip(stated.get("Date", []), stated.get("Time", []), strict=False)
                 yield Segment(
-                    number + 2, tuple(keys.get("Y_Unit_Label", [])),
-                    all(name.casefold() == "time" for name in keys.get("X_Dimension", ["Time"])),
-                    tuple(map(_number, keys.get("X0", []))) or (0.0,),
-                    tuple(map(_number, keys.get("Delta_X", []))) or (float("nan"),),
-                    " ".join(next(iter(keys.get(name, [])), "") for name in ("Date", "Time")),
+                    number + 2, tuple(stated.get("Y_Unit_Label", [])),
+                    all(name.casefold() == "time" for name in stated.get("X_Dimension", ["Time"]) if name),
+                    tuple(map(_number, stated.get("X0", []))), tuple(map(_number, stated.get("Delta_X", []))),
+                    tuple(" ".join(one) for one in begun),
                 )  # fmt: skip
             keys = {}
+
+
+def _ended(units: Sequence[str]) -> tuple[str, ...]:
+    """Units without empty ones at the end."""
+    return tuple("\t".join(units).rstrip("\t").split("\t"))
+
+
+def _at(values: Sequence[T], place: int, missing: T) -> T:
+    return values[place] if place < len(values) else missing
 
 
 def _number(text: str) -> float:

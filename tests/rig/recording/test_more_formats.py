@@ -251,6 +251,37 @@ def test_hdf5_integers_with_an_unknown_factor_are_refused(tmp_path: Path) -> Non
         read(tmp_path / "a.h5", READ["hdf5 by path"][2])
 
 
+def lvm(path: Path, x_columns: str, step: str = "0.005;0.1;0.005") -> None:
+    """Channels Stroke, Note and Load; with `Multi`, each has an x column, and the header leaves its cells blank."""
+    apart, blank = ("\t\t", "\t") if x_columns == "Multi" else ("\t", "")
+    names = {"One": "X_Value\tStroke\tNote\tLoad", "No": "X_Value\tStroke\tNote\tLoad",
+             "Multi": "X_Value\tStroke\tX_Value\tNote\tX_Value\tLoad"}[x_columns]  # fmt: skip
+    head = ("LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nMulti_Headings\tYes\n"
+            f"X_Columns\t{x_columns}\n***End_of_Header***\n\nChannels\t3\n")  # fmt: skip
+    stated = {"Y_Unit_Label": "mm;;N", "X_Dimension": "Time;Time;Time", "X0": "0;0;0", "Delta_X": step}
+    for key, cells in stated.items():
+        head += f"{key}\t{apart.join(cells.split(';'))}{blank}\n"
+    rows = [{"One": (t, x, 1.0, f), "No": ("", x, 1.0, f), "Multi": (t, x, t, 1.0, t, f)}[x_columns]
+            for t, x, f in zip(T, X_MM, F_N, strict=True)]  # fmt: skip
+    body = "\n".join("\t".join(one if isinstance(one, str) else f"{one:.6f}" for one in row) for row in rows)
+    path.write_text((head + f"***End_of_Header***\n{names}\tComment\n" + body).replace(".", ","))
+
+
+@pytest.mark.parametrize("x_columns", ["One", "No", "Multi"])
+def test_channels_of_lvm_have_their_own_units_and_steps(x_columns: str, tmp_path: Path) -> None:
+    lvm(tmp_path / "a.lvm", x_columns)
+    columns = {"displacement": "Stroke", "force": "Load"}
+    (test,) = read(tmp_path / "a.lvm", columns)
+    check(test)
+    assert "force Load (N, the file says)" in test.read_as  # the channel before it has no unit
+    lvm(tmp_path / "a.lvm", x_columns, "0.005;0.1;0.006")
+    with pytest.raises(FileProblem, match=r"together: Stroke: .*Delta_X 0\.005 s.*Load: .*Delta_X 0\.006 s"):
+        read(tmp_path / "a.lvm", columns)
+    lvm(tmp_path / "a.lvm", x_columns, "0.1;0.1;0.005")
+    with pytest.raises(FileProblem, match="not sampled together"):
+        read(tmp_path / "a.lvm", columns)
+
+
 def element(kind: int, content: bytes) -> bytes:
     return struct.pack("<II", kind, len(content)) + content + b"\0" * (-len(content) % 8)
 
