@@ -206,3 +206,16 @@ def _pieces(name: str) -> list[str]:
     """Every sequence of complete words of a run's name."""
     words = name.split("-")[:8]
     return [name, *("-".join(words[i:j]) for i in range(len(words)) for j in range(i + 1, len(words) + 1))]
+
+
+def held_inodes() -> frozenset[int]:
+    """Inodes of the files and folders that a process on this computer holds: those of campaigns that are running.
+
+    The kernel's list is read: a lock that was tried here, even for a moment, could refuse a campaign that starts then.
+    """
+    try:
+        rows = [line.split() for line in Path("/proc/locks").read_text(encoding="ascii").splitlines()]
+    except (OSError, ValueError):  # another system than Linux
+        return frozenset()
+    owned = (row[row.index("FLOCK") :] for row in rows if "FLOCK" in row and "->" not in row)
+    return frozenset(int(row[4].rpartition(":")[2]) for row in owned if len(row) > 4 and row[2] == "WRITE")

@@ -66,8 +66,17 @@ def _listed(folder: Path, run_filter: RunFilter, last: int | None) -> list[dict[
     """
     if not folder.is_dir():
         raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
-    whole = str(folder.resolve())
-    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, run_filter, last)]
+    whole, held = str(folder.resolve()), held_inodes()
+    runs = [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, run_filter, last)]
+    return [{**run, "running": _inode(run["path"]) in held} for run in runs]
+
+
+def _inode(path: str) -> int:
+    """Of a run's folder; -1 where it is gone."""
+    try:
+        return os.stat(path).st_ino
+    except OSError:
+        return -1
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:
@@ -75,7 +84,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     if not runs:
         shown.print(f"no matching runs in {folder}", markup=False)
         return
-    wide, unfinished = shown.width >= WIDE, any(run["unfinished"] for run in runs)
+    wide, unfinished = shown.width >= WIDE, any(run["unfinished"] and not run["running"] for run in runs)
     head = [
         Column("run"), *((Column("specimen"), Column("started")) if wide else ()), Column("verdict"),
         Column("valid", "", True), *([Column("recoverable", "", True)] if unfinished else []),
@@ -84,10 +93,11 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     rows = []
     for run in runs:
         error = run["nrmse_percent_of_peak"]
-        cells = [run["id"], *((run["specimen"], run["started"][:10]) if wide else ()), run["verdict"]]
-        cells += [f"{run['valid']}/{run['points']}", *([str(run["unfinished"])] if unfinished else [])]
+        verdict, recoverable = ("running", "-") if run["running"] else (run["verdict"], str(run["unfinished"]))
+        cells = [run["id"], *((run["specimen"], run["started"][:10]) if wide else ()), verdict]
+        cells += [f"{run['valid']}/{run['points']}", *([recoverable] if unfinished else [])]
         rows.append([*cells, "-" if error is None else f"{run['model']} {error:.3g}"])
-    notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"]]
+    notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"] and not run["running"]]
     notes.append("Commands accept a run's name, part of the name, `last`, or -1, -2, ... (example: rig report last).")
     if len(runs) == MOST_SHOWN:
         notes.append(f"Only the last {MOST_SHOWN} runs are shown; use filters or --json to list the others.")

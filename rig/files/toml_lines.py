@@ -42,6 +42,25 @@ def structure_problem(text: str) -> str | None:
     return None
 
 
+def open_brackets(text: str, end: int) -> list[tuple[int, str]]:
+    """Line (from 1) and sign of each bracket of a value that is still open at a position, the outermost first."""
+    found: list[tuple[int, str]] = []
+    position = 0
+    while (match := _STRUCTURE.search(text, position, end)) is not None:
+        position, sign = match.end(), match[0]
+        if sign in "\"'":
+            position = _string_end(text, match.start())
+        elif sign == "#":
+            position = text.find("\n", position)
+            if position < 0:
+                break
+        elif sign in "[{" and (found or text[text.rfind("\n", 0, match.start()) + 1 : match.start()].strip()):
+            found.append((text.count("\n", 0, match.start()) + 1, sign))  # not that of a heading
+        elif sign in "]}" and found:
+            found.pop()
+    return found
+
+
 def scan_lines(text: str) -> dict[Place, int]:
     """Find the line of every table header and key of a valid TOML text.
 

@@ -11,18 +11,22 @@ from typing import Any
 
 from protocols.descriptions import Place
 from rig.errors import FileProblem
-from rig.files.toml_lines import scan_lines, structure_problem
+from rig.files.toml_lines import open_brackets, scan_lines, structure_problem
 from rig.text_file import read_text
 
 SIZE_LIMIT_BYTES = 262_144
-_AT = re.compile(r"\(at line (\d+), column \d+\)")
+_AT = re.compile(r"\(at line (\d+), column (\d+)\)")
+_NEXT_ENTRY = re.compile(r"""\s*([\w.\-"' ]+=|\[\[?[\w.\-"' ]+\]\]?\s*(#.*)?$)""")
+"""A line that begins a key or a table: inside of a list, the list was not closed."""
+_CLOSING = {"[": "] of this list", "{": "} of this table"}
 _QUOTES = 'strings and quantities must be in quotes, as in speed = "0.8 m/s"; dates must have the form 2030-01-31'
 _HINTS = (
     ("Cannot overwrite a value", "this key is specified twice; keep one of them"),
     ("Cannot declare", "this table is specified twice; put all its keys under one heading"),
     ("Expected newline or end of document", f"unexpected text after the value; {_QUOTES}"),
     ("Invalid value", f"this is not a valid value; {_QUOTES}; true and false must be lower case"),
-    ("Unclosed array", "the closing ] of a list is missing"),
+    ("Unclosed array", "a comma or the closing ] of a list is missing; strings and quantities must be in quotes"),
+    ("Unclosed inline table", "a comma or the closing } of the table is missing, or it does not end on its line"),
     ("Illegal character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\r'", "the lines end with CR alone. Fix: save the file with LF or CR LF"),
@@ -92,12 +96,17 @@ def printable(text: str, longest: int = 40) -> str:
 def _not_toml(message: str, text: str) -> str:
     """The parser's complaint with its line first, the line itself, and what would be right."""
     hint = next((words for start, words in _HINTS if message.startswith(start)), "")
-    place = _AT.search(message)
-    if place is None:
+    place, rows = _AT.search(message), text.split("\n")
+    number = len(rows) + 1 if place is None else int(place[1])
+    at = len(text) if place is None else len("\n".join(rows[: number - 1])) + int(place[2])
+    before = [(line, sign) for line, sign in open_brackets(text, at) if line < number]
+    if before and (place is None or message.startswith("Unclosed") or _NEXT_ENTRY.match(rows[number - 1])):
+        number, sign = before[-1]
+        hint = f"the closing {_CLOSING[sign]} is missing"
+    elif place is None:
         return f"not valid TOML: {message}{hint and f'; {hint}'}"
-    number = int(place[1])
-    line = text.split("\n")[number - 1].strip()
-    why = hint or message[: place.start()].strip()
+    line = rows[number - 1].strip()
+    why = hint or message.partition(" (at ")[0].strip()
     return f"line {number}: not valid TOML: {printable(line, 60) or 'empty line'}: {why}"
 
 

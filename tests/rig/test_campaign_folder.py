@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import rig
-from rig.campaign_folder import CampaignFolder
+from rig.campaign_folder import CampaignFolder, held_inodes
 from rig.errors import FileProblem
+from rig.recording.journal.journal_lock import campaign_held
 
 NAMES = {name: value for name in vars(CampaignFolder) if isinstance(value := getattr(CampaignFolder, name), str)}
 """Attribute -> name of the file."""
@@ -40,3 +41,9 @@ def test_points_are_written_into_a_real_folder_only(tmp_path: Path) -> None:
     folder.points.symlink_to(tmp_path)
     with pytest.raises(FileProblem, match="symbolic link"):
         _ = folder.written_points
+
+
+def test_a_campaign_that_a_process_holds_is_told_from_one_that_was_cut_off(tmp_path: Path) -> None:
+    with campaign_held(tmp_path):
+        assert tmp_path.stat().st_ino in held_inodes()
+    assert tmp_path.stat().st_ino not in held_inodes()
