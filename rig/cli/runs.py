@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from rig.campaign_folder import LOGS, CampaignFolder
+from rig.campaign_folder import LOGS, CampaignFolder, held_inodes
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, show, write_json
 from rig.document.blocks import Column, Paragraph, table
