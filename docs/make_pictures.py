@@ -20,13 +20,15 @@ from playwright.sync_api import Browser, sync_playwright
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
-SIZE = {"width": 1440, "height": 1270}
+PAGES = {"page": (1366, 940, 1.0), "page-phone": (390, 844, 1.0), "page-4k": (3840, 2160, 0.5)}
+"""Picture of the page: width and height of the window, and the factor by which the picture is scaled."""
 REPORT_SIZE = {"width": 1366, "height": 1130}
 SPEED = "5"
 WAIT_MS = 600_000
 COLOURS = 96
 WHEN = """() => Object.keys(rigPage.results).length >= 8 && rigPage.state.phase === 'running'
   && rigPage.state.cycles >= 4 && document.getElementById('verdict').textContent === 'OK'"""
+SELECTED = "rigPage.selected.filter(one => one && one.series).length === 2"
 ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync")
 
 
@@ -50,13 +52,20 @@ def started(out: Path) -> tuple[subprocess.Popen[str], str]:
     raise RuntimeError("".join(lines))
 
 
-def take_page(browser: Browser, url: str, out: Path) -> None:
-    """The page while the campaign runs."""
-    page = browser.new_page(viewport=SIZE, color_scheme="light", bypass_csp=True)  # it waits by evaluating
-    page.goto(url)
-    page.wait_for_function(WHEN, timeout=WAIT_MS)
-    keep(page.screenshot(), out / "page.png")
-    page.close()
+def take_pages(browser: Browser, url: str, out: Path) -> None:
+    """The page while the campaign runs, with two finished points over the running one."""
+    for name, (width, height, scale) in PAGES.items():
+        # The page's policy forbids evaluated scripts, by which playwright waits.
+        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light", bypass_csp=True)
+        page.goto(url)
+        page.wait_for_function(WHEN, timeout=WAIT_MS)
+        for point in ("p002", "p006"):
+            page.locator(f"#matrix [aria-label='loops of {point}']").click()
+        page.evaluate("scrollTo(0, 0)")
+        page.wait_for_function(SELECTED, timeout=WAIT_MS)
+        page.wait_for_function(WHEN, timeout=WAIT_MS)
+        keep(page.screenshot(), out / f"{name}.png", scale)
+        page.close()
 
 
 def take_report(browser: Browser, report: Path, out: Path) -> None:
@@ -67,13 +76,16 @@ def take_report(browser: Browser, report: Path, out: Path) -> None:
     page.close()
 
 
-def keep(picture: bytes, path: Path) -> None:
-    """As a PNG of few colours: a third of the size, and nobody sees a difference."""
-    Image.open(io.BytesIO(picture)).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+def keep(picture: bytes, path: Path, scale: float = 1.0) -> None:
+    """As a PNG of few colours: a third of the size without a visible difference."""
+    image = Image.open(io.BytesIO(picture)).convert("RGB")
+    if scale != 1.0:
+        image = image.resize((round(scale * image.width), round(scale * image.height)), Image.Resampling.LANCZOS)
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def main() -> int:
-    """Make both; returns the exit code."""
+    """Make all; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=PICTURES)
     out: Path = parser.parse_args().out
@@ -86,7 +98,7 @@ def main() -> int:
         browser = playwright.chromium.launch(executable_path=chromium, args=list(ARGUMENTS))
         process, url = started(Path(folder))
         try:
-            take_page(browser, url, out)
+            take_pages(browser, url, out)
             result = json.loads(process.communicate(timeout=WAIT_MS / 1e3)[0])
         finally:
             if process.poll() is None:
