@@ -16,6 +16,9 @@ from rig.identification.runs import write_fit
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-a-fitted-model.md"
 
 
+RATE_Hz = 250.0
+
+
 def sines() -> list[Measurement]:
     """Sines of 20 mm at two frequencies and two currents, 5 N of noise."""
     rng, damper = np.random.default_rng(3), model("asymmetric")
@@ -23,14 +26,14 @@ def sines() -> list[Measurement]:
     tests = []
     for frequency_Hz in (0.5, 1.0, 2.0):
         for current_A in (0.0, 1.0, 2.0):
-            t = np.arange(round(3.0 / frequency_Hz * 500)) / 500.0
+            t = np.arange(round(2.0 / frequency_Hz * RATE_Hz)) / RATE_Hz
             omega, amps = 2.0 * np.pi * frequency_Hz, np.full(t.size, current_A)
             u, v = 0.02 * np.sin(omega * t), 0.02 * omega * np.cos(omega * t)
-            force = damper.force(values, u, v, -(omega**2) * u, amps, 0.002) + rng.normal(0.0, 5.0, t.size)
+            force = damper.force(values, u, v, -(omega**2) * u, amps, 1.0 / RATE_Hz) + rng.normal(0.0, 5.0, t.size)
             tests.append(Measurement(
-                f"p{len(tests)}", u, v, -(omega**2) * u, force, amps, 0.002, amplitude_m=0.02,
+                f"p{len(tests)}", u, v, -(omega**2) * u, force, amps, 1.0 / RATE_Hz, amplitude_m=0.02,
                 frequency_Hz=frequency_Hz, nominal_current_A=current_A, noise_N=5.0,
-                samples_per_cycle=round(500 / frequency_Hz),
+                samples_per_cycle=round(RATE_Hz / frequency_Hz),
             ))  # fmt: skip
     return tests
 

@@ -18,6 +18,7 @@ from matrices import HYBRID, ONE_LONG_POINT, ONE_POINT
 from scenario_campaign import ScenarioCampaign, Setting
 from watched_campaign import Ending
 
+from protocols.quality import Quality
 from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
 from rig.faults.row import Ending as Reaction
@@ -301,6 +302,14 @@ def stops_without_its_application(campaign: ScenarioCampaign, ending: Ending) ->
     assert np.ptp(broken.displacement_m) > 0.035, "what was flushed before the kill is there"
 
 
+def spikes_are_flagged(ending: Ending, point: str = "p001", channel: str = "force") -> None:
+    """The single ones before the stop too, among the samples as they came."""
+    assert "sensor-spike" in ending.warned()
+    raw = ending.point(point).raw(channel)
+    assert raw is not None
+    assert (raw["flags"] & Quality.SPIKE).astype(bool).sum() >= 3
+
+
 def step_is_logged(_: ScenarioCampaign, ending: Ending) -> None:
     """Logged within a second with its size, and nothing else happens."""
     assert ending.exit_code == 0, ending.output
@@ -379,7 +388,9 @@ ROW_SCENARIOS: dict[str, RowScenario] = {
     # Three polls, each behind two waits for what the devices hand over in a world.
     "rtu-crc": RowScenario(faulty(f"rtu-crc@{FAULT_S}"), allowed_s=0.19),
     # Two single spikes come first, which only warn.
-    "sensor-spike": RowScenario(faulty(f"sensor-spike@{FAULT_S}"), allowed_s=0.8),
+    "sensor-spike": RowScenario(
+        faulty(f"sensor-spike@{FAULT_S}"), also=lambda _, ending: spikes_are_flagged(ending), allowed_s=0.8
+    ),
     "clock-drift": RowScenario(replace(faulty("clock-drift"), matrix=ONE_LONG_POINT)),
     "slow-consumer": RowScenario(replace(ONCE, ring_records=512), around=disk_stalls),
     "usb-renumber": RowScenario(faulty(f"usb-renumber@{FAULT_S}", "--ports", "by-id")),

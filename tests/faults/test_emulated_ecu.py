@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from end_states import assert_never_moved
-from row_scenarios import scenario_of
+from matrices import ONE_POINT
+from row_scenarios import FAULT_S, scenario_of
 from test_every_row import assert_stopped_in_time
 
 from rig.faults.matrix import MATRIX
@@ -66,7 +67,7 @@ def test_can_fd_with_floats_profile_5_and_a_share_of_full_scale(slug: str, run: 
     dbc.write_text(FD_DBC, encoding="utf-8")
     roles.write_text(FD_ROLES, encoding="utf-8")
     files = ("--dbc", str(dbc), "--ecu-roles", str(roles))
-    ending = run(*([f"{slug}@6.3"] if slug else []), simulator=files)
+    ending = run(*([f"{slug}@{FAULT_S}"] if slug else []), simulator=files, matrix=ONE_POINT, speed=1.0)
     assert ending.exit_code == (4 if slug else 0), ending.output
     assert slug in {"", ending.answer.get("stopped_by")}
     missing = {line["slug"] for line in ending.log if str(line.get("slug", "")).startswith("ecu-without")}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from end_states import assert_refused, assert_spoiled, assert_stopped
-
-from protocols.quality import Quality
+from matrices import ONE_POINT
+from row_scenarios import FAULT_S, PERIOD_S, spikes_are_flagged
 
 if TYPE_CHECKING:
     from conftest import Run
@@ -18,8 +18,11 @@ SENSORS = (":lvdt",)
 
 
 def test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name(run: Run) -> None:
-    ending = run("loadcell-pulled:auxiliary@6.3", simulator=("--auxiliary", "1"))
-    assert_stopped(ending, "loadcell-pulled", slug_of_station="auxiliary-pulled")
+    ending = run(f"loadcell-pulled:auxiliary@{FAULT_S}", simulator=("--auxiliary", "1"), matrix=ONE_POINT, speed=1.0)
+    assert_stopped(
+        ending, "loadcell-pulled", slug_of_station="auxiliary-pulled", finished=(), broken="p001", speed=1.0,
+        period_s=PERIOD_S,
+    )  # fmt: skip
 
 
 @pytest.mark.nightly
@@ -71,17 +74,12 @@ def test_three_saturated_samples_stop_the_rig_and_prove_nothing_of_its_standstil
     assert_stopped(run(f"sensor-saturated{sensor}@6.3"), "sensor-saturated")
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("sensor", "channel"), [("", "force"), (":lvdt", "displacement")])
-def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(
-    run: Run, sensor: str, channel: str
-) -> None:
+@pytest.mark.nightly
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(run: Run, sensor: str) -> None:
     ending = run(f"sensor-spike{sensor}@6.3")
     assert_stopped(ending, "sensor-spike")
-    assert "sensor-spike" in ending.warned()
-    raw = ending.point("p002").raw(channel)
-    assert raw is not None
-    assert (raw["flags"] & Quality.SPIKE).astype(bool).sum() >= 3
+    spikes_are_flagged(ending, "p002", "displacement")
 
 
 @pytest.mark.nightly
@@ -112,9 +110,9 @@ def test_gaps_are_stored_never_filled_and_spoil_the_point(run: Run, sensor: str)
 def test_samples_whose_device_clock_went_back_stay_in_raw_and_spoil_the_point(
     run: Run, fault: str, channel: str
 ) -> None:
-    ending = run(f"{fault}@6.3", speed=10.0)
-    assert_spoiled(ending, "sample-gap", "device-time")
-    raw = ending.point("p002").raw(channel)
+    ending = run(f"{fault}@{FAULT_S}", matrix=ONE_POINT, speed=1.0)
+    assert_spoiled(ending, "sample-gap", "device-time", points=("p001",))
+    raw = ending.point("p001").raw(channel)
     assert raw is not None
     back = np.flatnonzero(np.diff(raw["device_us"]) < 0)
     assert back.size > 5, "they are in the file as they came"

@@ -1,4 +1,4 @@
-"""The short form of the fuzz: 2,000 inputs a parser, fewer where an input is a file, and a quarter of it by day."""
+"""The short form of the fuzz: 2,000 inputs a parser, fewer where an input is a file, and an eighth of it by day."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_damaged_input_is_refused_or_read_as_it_stands(
     capsys: pytest.CaptureFixture[str], pytestconfig: pytest.Config
 ) -> None:
     """All targets in one process, whose start takes longer than most of them; an error names target, seed and input."""
-    inputs = "500" if pytestconfig.getoption("--short") else "2000"
+    inputs = "250" if pytestconfig.getoption("--short") else "2000"
     command = [sys.executable, str(FUZZ), "--here", "--inputs", inputs, "--seed", "1", *TARGETS]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"

@@ -51,6 +51,7 @@ def zeroed(bench: str) -> str:
     return bench.replace('offset = "0 N"', f'offset = "{SHOWN_AT_ZERO_N:g} N"')
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("output_of", ["load_cell", "lvdt"])
 def test_one_of_two_reversed_sensors_unsaid_is_refused(tmp_path: Path, output_of: str) -> None:
     ended = run(tmp_path / "wrong", lambda bench: with_polarity(zeroed(bench), output_of))

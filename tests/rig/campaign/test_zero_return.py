@@ -45,6 +45,7 @@ def session(
     return check
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("statuses", [3, 5, 20])
 def test_two_thousand_clean_sessions_are_silent_however_few_statuses_a_fast_rig_gives(statuses: int) -> None:
     random = np.random.default_rng(1)

@@ -107,7 +107,7 @@ def close(found: np.ndarray, expected: np.ndarray) -> None:
     assert np.max(np.abs(found - expected)) < 2e-6 * np.max(np.abs(expected))
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_exported_code_gives_the_force_of_simulate_and_of_the_inverse(name: str, tmp_path: Path) -> None:
     """Behind a spring the inverse tells the force that the current leads to, `simulate` the one on the way there."""

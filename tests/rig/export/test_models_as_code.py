@@ -123,7 +123,7 @@ def test_gcc_compiles_the_model_without_a_warning_and_its_force_is_the_models(
 def test_octave_runs_every_model_and_its_force_is_the_models(tmp_path: Path) -> None:
     octave = tool("octave-cli", "Octave")
     np.savetxt(tmp_path / "motion.txt", np.column_stack(motion()), fmt="%.17g")
-    script = ["x = load('motion.txt'); u = x(:,1); v = x(:,2); a = x(:,3); c = x(:,4); h = 300;"]
+    script = ["x = load('motion.txt')(1:200,:); u = x(:,1); v = x(:,2); a = x(:,3); c = x(:,4); h = 100;"]
     for name, model in zip(NAMED, CATALOGUE, strict=True):
         (file,) = export(written(model, tmp_path / name), "octave", tmp_path / name)
         assert file.name == f"damper_{model.name}.m"
@@ -139,7 +139,7 @@ def test_octave_runs_every_model_and_its_force_is_the_models(tmp_path: Path) -> 
     assert ran.returncode == 0, ran.stderr
     for name, model in zip(NAMED, CATALOGUE, strict=True):
         whole, pieces = np.loadtxt(tmp_path / f"{name}.txt").T
-        as_close_as_required(model, whole, expected(model))
+        as_close_as_required(model, whole, expected(model)[:200])
         assert np.array_equal(whole, pieces)
 
 

@@ -113,6 +113,7 @@ def test_tests_at_too_few_currents_say_so(make_synthetic: Make) -> None:
         identify(two, model="asymmetric", current="per-current-affine", current_law="saturating")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("currents_A", "known"), [((0.5, 1.0, 2.0), set()), ((0.0, 1.0, 2.0), {"kt"})])
 def test_what_the_currents_show_only_beside_a_power_left_out_is_not_identified(
     currents_A: tuple[float, ...], known: set[str], make_synthetic: Make, tmp_path: Path

@@ -62,6 +62,7 @@ def odd_in(fit: Fit) -> dict[str, str]:
     return {c.text.numbers["test"]: str(c.text) for c in fit.diagnosis if c.slug == "odd-test"}  # type: ignore[attr-defined]  # a Saying
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

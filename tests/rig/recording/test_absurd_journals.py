@@ -201,6 +201,7 @@ def test_a_hanging_journal_is_given_up_by_name_and_the_next_one_finished(campaig
         assert converter.finish(held).verdict == "valid"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("number", [signal.SIGSEGV, signal.SIGKILL, signal.SIGBUS])
 def test_a_crash_while_a_file_is_made_costs_this_answer_only(campaign: Path, number: signal.Signals) -> None:
     points = campaign / "points"

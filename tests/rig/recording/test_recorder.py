@@ -185,6 +185,7 @@ for record in rig.records():
 """
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("lines", [150, 431])
 def test_a_killed_recorder_loses_less_than_100_ms_and_never_lies(campaign: Path, lines: int) -> None:
     here = str(Path(__file__).parent)

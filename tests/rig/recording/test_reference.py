@@ -134,6 +134,7 @@ def test_noise_makes_no_knowledge_of_the_lag_of_a_force_that_hardly_changes() ->
     assert min(match.lag_std_s for match in found if match is not None) > 5e-3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("step_N", [5.0, 20.0])
 def test_a_coarse_resolution_is_in_the_deviations(step_N: float) -> None:
     errors = deviations([Pair(seed, step_N=step_N, yield_N=60.0) for seed in SEEDS], "lag_s", 0.0)

@@ -49,6 +49,7 @@ def sine(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
     return t, amplitude_m * np.sin(2.0 * np.pi * frequency_Hz * t + random.uniform(0.0, 6.28)), frequency_Hz
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("change", [white, coloured, quantised, wandering, settling])
 def test_a_sine_gets_a_false_harmonic_in_one_fit_in_a_hundred_at_most(change: Change) -> None:
     random = np.random.default_rng(5)

@@ -45,6 +45,7 @@ def overlaid(seed: int, late_s: float, poll_s: float, share: float = 1.0) -> tup
     return laid, corrected(laid, polls_s, sensor)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("poll_s", "late_s"), [(0.0002, 0.0), (0.0095, 0.002), (0.005, -0.001), (0.0025, 0.0)])
 def test_whatever_steps_in_step_with_the_polls_do_the_stated_error_covers(poll_s: float, late_s: float) -> None:
     for seed in range(6):

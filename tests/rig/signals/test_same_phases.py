@@ -72,6 +72,7 @@ def laid(
     return alone, doubted(alone, reference, series, sensor, cycles), lag_s
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("period_s", [0.4, 0.5])
 def test_jumps_between_two_phases_that_all_cycles_share_are_known_no_better_than_the_phases_tell(
     period_s: float
@@ -95,7 +96,8 @@ def test_a_flank_that_the_polls_step_over_is_known_no_better_than_the_samples_ab
     assert np.median([sure.lag_std_s for _, sure, _ in tries]) < 3e-3
 
 
-@pytest.mark.parametrize("polls_s", [even_s, uneven_s])
+@pytest.mark.few(1)
+@pytest.mark.parametrize("polls_s", [uneven_s, even_s])
 def test_a_flank_that_a_fast_sensor_resolves_and_the_polls_step_over_is_known_no_better(
     polls_s: Callable[[float, float], FloatArray],
 ) -> None:

@@ -67,6 +67,7 @@ def test_an_undisturbed_sine_has_hardly_any_ripple(gaps: ModuleType, preset: str
     assert np.sqrt(np.sum(spectrum[4:200] ** 2)) < 0.003 * spectrum[2]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("preset", ["float-drive", "delta-rmc"])
 @pytest.mark.parametrize(("poll_s", "speed_m_s"), [(0.004, 0.34), (0.010, 0.34), (0.010, 0.456), (0.020, 0.34)])
 def test_a_triangles_corner_throws_no_rod(gaps: ModuleType, preset: str, poll_s: float, speed_m_s: float) -> None:

@@ -305,6 +305,7 @@ def test_an_e_stop_explains_an_undervoltage_only_where_something_else_hides_it(
     assert len(list(stops_have_a_cause(shown.view))) == found
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("current", "events"),
     [
