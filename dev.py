@@ -13,13 +13,13 @@ python3 dev.py scenarios --planted [NAME...]   planted bugs are searched for in 
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py docs [--out DIR]   the documentation as a site, in site/
 python3 dev.py pictures        the pictures in README.md again (wants chromium)
+python3 dev.py release [--out DIR]   wheel and sdist, in dist/, both tried in an empty environment
 python3 dev.py rig ...         any `rig` command
 python3 dev.py install         set up only
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import shutil
@@ -54,11 +54,21 @@ COMPILED = [
 LEAST_COVERAGE = 95
 UNSWEPT_MYPY = "import gc, mypy.__main__ as mypy; gc.disable(); gc.enable = gc.disable; mypy.console_entry()"
 """mypy without the garbage collector, which it switches on again: 13 of 47 s of processor time, for 0.8 GB more."""
-COMMANDS = ("demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures")
+COMMANDS = (
+    "demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures", "release",
+)
 OPTIONAL = ("files", "pdf")
 TESTED = (*OPTIONAL, "test")
-EXTRAS = {"demo": (), "rig": OPTIONAL, "scenarios": OPTIONAL, "test": (*TESTED, "peers"), "nightly": (*TESTED, "peers")}
+EXTRAS = {
+    "demo": (), "release": (), "rig": OPTIONAL, "scenarios": OPTIONAL, "test": (*TESTED, "peers"),
+    "nightly": (*TESTED, "peers"),
+}
 """Command -> extras of pyproject.toml that it needs; the others need `TESTED`."""
+TRIMMED = {
+    "tests": ("greenlet", "h5py", "llvmlite", "numba", "numpy", "pandas", "scipy"),
+    "__pycache__": ("pip", "pkg_resources", "setuptools"),
+}
+"""Folders that are removed from these packages: their own tests (80 MB) and the bytecode of the installer (13 MB)."""
 SIDE_BY_SIDE = 2
 """Processes among which the tests without real processes and wires are divided."""
 
@@ -88,20 +98,37 @@ def install(*extras: str) -> None:
     elif set(extras) <= set(present):
         return
     if not (VENV / "pyvenv.cfg").exists():
-        print("dev.py: making .venv", flush=True)
+        progress("making .venv")
+        started = time.monotonic()
         venv.create(VENV, with_pip=True)
+        progress(f"made .venv, {time.monotonic() - started:.0f} s", end="\n")
     requested = [extra for extra in extras if extra != "peers"]
     if code := pip("-e", f".[{','.join(requested)}]" if requested else "."):
         sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
     others = (("-e", ".[peers,cluster]"), ("--no-deps", MEALPY), ("-e", ".[nexus]"))
     if "peers" in extras and sum(pip(*packages) != 0 for packages in others):
         print("dev.py: not all peers could be installed; the tests against them will be skipped", flush=True)
+    trim()
     stamp.write_text(" ".join([declared, *sorted({*present, *extras})]))
 
 
+def trim() -> None:
+    """Remove what is not needed at run time from the largest packages."""
+    for folder, packages in TRIMMED.items():
+        for package in packages:
+            for place in VENV.glob(f"[Ll]ib/python*/site-packages/{package}"):
+                for found in [path for path in place.rglob(folder) if path.is_dir()]:
+                    shutil.rmtree(found, ignore_errors=True)
+
+
 def pip(*packages: str) -> int:
-    """Run `pip install` with a line of progress; pip's exit code. What pip wrote is shown if it failed."""
-    command = [program("python"), "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar=off"]
+    """Run `pip install` with a line of progress; pip's exit code. What pip wrote is shown if it failed.
+
+    Modules are compiled when they are first imported: compiling all of them takes longer than the rest, and 230 MB.
+    """
+    command = [
+        program("python"), "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar=off", "--no-compile",
+    ]
     started, shown_s, collected, installs, written = time.monotonic(), 0.0, 0, False, []
     with subprocess.Popen([*command, *packages], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                           errors="replace") as running:
@@ -142,18 +169,63 @@ def wheel_smoke_test(output: IO[str]) -> int:
         (wheel,) = place.glob("*.whl")
         target = place / "site"
         shutil.unpack_archive(wheel, target, "zip")
-        script = (
-            f"import sys; from pathlib import Path; site = {str(target)!r}; sys.path.insert(0, site)\n"
-            "import rig, drivers, protocols, simulators\n"
-            "for package in (rig, drivers, protocols, simulators):\n"
-            "    folder = Path(package.__file__).parent\n"
-            "    assert folder.is_relative_to(site) and (folder / 'py.typed').exists(), folder\n"
-            "import rig.cli.main, simulators.__main__\n"
-            "from drivers.register_maps.map_file import controller\n"
-            "from drivers.devices.source import current_source\n"
-            "controller('demo'), current_source('demo')\n"
+        return run(program("python"), "-P", "-c", imports_from(target), cwd=place, output=output)
+
+
+def imports_from(site: Path) -> str:
+    """A program that imports the four packages from this folder, with their data files."""
+    return (
+        f"import sys; from pathlib import Path; site = {str(site)!r}; sys.path.insert(0, site)\n"
+        "import rig, drivers, protocols, simulators\n"
+        "for package in (rig, drivers, protocols, simulators):\n"
+        "    folder = Path(package.__file__).resolve().parent\n"
+        "    assert folder.is_relative_to(Path(site).resolve()) and (folder / 'py.typed').exists(), folder\n"
+        "import rig.cli.main, simulators.__main__\n"
+        "from drivers.register_maps.map_file import controller\n"
+        "from drivers.devices.source import current_source\n"
+        "controller('demo'), current_source('demo')\n"
+    )
+
+
+def release(arguments: list[str]) -> int:
+    """Build the sdist, from it the wheel, and try the wheel in an empty environment; both are put into dist/.
+
+    The wheel is tried as its user would: installed with its dependencies, it plans, runs and reports a campaign on the
+    simulated rig in an empty folder.
+    """
+    out = Path(arguments[1]).resolve() if arguments[:1] == ["--out"] and len(arguments) == 2 else ROOT / "dist"
+    if arguments and out == ROOT / "dist":
+        print("dev.py: expected release [--out DIR]")
+        return 2
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        built = place / "built"
+        if code := pip("build>=1.2") or run(program("python"), "-m", "build", "--outdir", str(built), str(ROOT)):
+            return code
+        (wheel,), (sdist,) = built.glob("*.whl"), built.glob("*.tar.gz")
+        environment, empty = place / "environment", place / "empty"
+        empty.mkdir()
+        progress(f"trying {wheel.name} in an empty environment", end="\n")
+        venv.create(environment, with_pip=True)
+        scripts = environment / BIN.name
+        python, rig = str(scripts / Path(program("python")).name), str(scripts / Path(program("rig")).name)
+        (site,) = environment.glob("[Ll]ib/python*/site-packages")
+        steps = (
+            (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile", str(wheel)),
+            (python, "-P", "-c", imports_from(site)),
+            (rig, "--version"),
+            (rig, "demo"),
+            (rig, "report", "last"),
         )
-        return run(program("python"), "-P", "-c", script, cwd=place, output=output)
+        for step in steps:
+            if code := run(*step, cwd=empty):
+                print(f"dev.py: FAILED (exit {code}): {' '.join(step)}")
+                return code
+        out.mkdir(parents=True, exist_ok=True)
+        for file in (sdist, wheel):
+            shutil.copy2(file, out)
+            print(f"dev.py: {out / file.name}, {hashlib.sha256(file.read_bytes()).hexdigest()}")
+    return 0
 
 
 def checks(arguments: list[str]) -> int:
@@ -236,6 +308,8 @@ def side_by_side(command: list[str]) -> int:
     looks at a clock any more, the first one runs the tests on real processes and wires. Its output is shown at once,
     the others' when all have ended. Returns the first exit code that is not 0.
     """
+    import fcntl  # not on Windows, where the rest of this file works
+
     with tempfile.TemporaryDirectory() as name, ExitStack() as files:
         folder = Path(name)
         # A cache would know only what one of them saw.
@@ -310,25 +384,24 @@ def main(arguments: list[str]) -> int:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install(*EXTRAS.get(command, TESTED))
-    if command == "demo":
-        return run(program("rig"), "demo", *rest)
-    if command in {"docs", "pictures"}:
-        return run(program("python"), "docs/build_site.py" if command == "docs" else "docs/make_pictures.py", *rest)
-    if command == "rig":
-        return run(program("rig"), *rest)
-    if command == "faults":
-        return faults(rest)
     if command == "scenarios" and "--planted" in rest:
         rest.remove("--planted")
         script = "tests/simulators/scenarios/planted/planted_search.py"
         return run(program("python"), script, *rest, PYTHONPATH=str(ROOT / "tests" / "faults"))
-    if command == "scenarios":
-        return run(program("rig"), "scenarios", *rest)
-    if command == "nightly":
-        return nightly()
-    if command == "coverage":
-        return coverage()
-    return checks(rest) if command == "test" else 0
+    works: dict[str, Callable[[], int]] = {
+        "demo": lambda: run(program("rig"), "demo", *rest),
+        "docs": lambda: run(program("python"), "docs/build_site.py", *rest),
+        "pictures": lambda: run(program("python"), "docs/make_pictures.py", *rest),
+        "rig": lambda: run(program("rig"), *rest),
+        "scenarios": lambda: run(program("rig"), "scenarios", *rest),
+        "faults": lambda: faults(rest),
+        "release": lambda: release(rest),
+        "nightly": nightly,
+        "coverage": coverage,
+        "test": lambda: checks(rest),
+        "install": lambda: 0,
+    }
+    return works[command]()
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ the rig does not wait for those.
 
 from __future__ import annotations
 
-import fcntl
 import mmap
 import os
 import struct
@@ -29,6 +28,8 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from enum import Enum, IntEnum, auto
 from pathlib import Path
+
+from drivers.posix import fcntl
 
 MAGIC = b"RIGCLOCK"
 SIZE = 1 << 16

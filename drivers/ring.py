@@ -20,7 +20,6 @@ than `reserved - capacity` may have been overwritten while it copied, and count 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import mmap
 import os
 import struct
@@ -31,6 +30,8 @@ from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+from drivers.posix import fcntl
 
 MAGIC = b"MRRING01"
 HEADER_SIZE = 4096

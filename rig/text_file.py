@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from drivers.posix import O_CLOEXEC
 from rig.errors import FileProblem
 
 JSON_LIMIT_BYTES = 32_000_000
@@ -120,7 +121,7 @@ def open_regular(path: Path) -> BinaryIO:
         OSError: it cannot be opened.
     """
     # Without O_NONBLOCK, opening a pipe that has no writer would wait for ever.
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    descriptor = os.open(path, os.O_RDONLY | O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)

@@ -9,7 +9,6 @@ excluded by the controller's lease. The ring is in memory if possible: its pages
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import ipaddress
 import os
@@ -26,6 +25,7 @@ from urllib.parse import urlsplit
 
 from drivers import clock
 from drivers.port_causes import command_line
+from drivers.posix import fcntl
 from drivers.ring import MAGIC
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig

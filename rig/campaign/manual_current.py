@@ -6,9 +6,9 @@ import contextlib
 import os
 import select
 import sys
-import termios
 from typing import Protocol
 
+from drivers.posix import termios
 from rig.bench.model import Bench
 from rig.campaign.live_link import LiveLink
 from rig.errors import Refused

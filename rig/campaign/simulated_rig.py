@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import select
 import shutil
@@ -14,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.posix import fcntl
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.words import say

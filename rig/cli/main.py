@@ -30,6 +30,7 @@ from rig.errors import (
     FileProblem,
     RigError,
 )
+from rig.extras import missing_package
 
 OPERATOR_STOP = "sigint"
 
@@ -240,12 +241,25 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
         message = str(stop.__cause__) if isinstance(stop.__cause__, KeyboardInterrupt) else ""  # click passes it on so
         text = f"stopped by operator: {message}" if message else "stopped by operator"
         return _ended(f"rig: {text}", {"error": text, "slug": OPERATOR_STOP}, EXIT_STOPPED, as_json=as_json)
+    except ModuleNotFoundError as error:
+        text = "" if _moves(arguments) else missing_package(error)
+        if not text:
+            return _of_defect(error, arguments, as_json=as_json)
+        return _ended(f"rig: {text}", {"error": text, "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
     except Exception as error:  # noqa: BLE001 - a traceback helps its reader only; it goes into a file for them
-        text = _defect(error)
-        moves = not MOVING.isdisjoint(arguments[:1])
-        text += "; the rig's state is unknown: inspect the rig before continuing" if moves else ""
-        answer = {"error": text, "slug": "defect"}
-        return _ended(f"rig: {text}", answer, EXIT_UNKNOWN_STATE if moves else EXIT_DEFECT, as_json=as_json)
+        return _of_defect(error, arguments, as_json=as_json)
+
+
+def _moves(arguments: Sequence[str]) -> bool:
+    return not MOVING.isdisjoint(arguments[:1])
+
+
+def _of_defect(error: Exception, arguments: Sequence[str], *, as_json: bool) -> int:
+    text = _defect(error)
+    moves = _moves(arguments)
+    text += "; the rig's state is unknown: inspect the rig before continuing" if moves else ""
+    answer: dict[str, object] = {"error": text, "slug": "defect"}
+    return _ended(f"rig: {text}", answer, EXIT_UNKNOWN_STATE if moves else EXIT_DEFECT, as_json=as_json)
 
 
 def _defect(error: Exception) -> str:

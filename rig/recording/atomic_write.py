@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from drivers.posix import HAS_POSITIONED_ACCESS, O_CLOEXEC, O_NOFOLLOW
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer, WriteableBuffer
 
@@ -46,7 +48,7 @@ class ReservedFile(io.RawIOBase):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | O_CLOEXEC
         self.path = path
         self._error: OSError | None = None
         self._position = self._size = self._room = 0
@@ -97,14 +99,22 @@ class ReservedFile(io.RawIOBase):
 
     def _put(self, view: memoryview, offset: int) -> None:
         while view:
-            written = os.pwrite(self._handle, view, offset)
+            if HAS_POSITIONED_ACCESS:
+                written = os.pwrite(self._handle, view, offset)
+            else:
+                os.lseek(self._handle, offset, os.SEEK_SET)
+                written = os.write(self._handle, view)
             view, offset = view[written:], offset + written
 
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         """Read back from the place sought; the number of bytes."""
         view = memoryview(buffer).cast("B")
         start, count = self._position, max(0, min(len(view), self._size - self._position))
-        data = os.pread(self._handle, count, start)
+        if HAS_POSITIONED_ACCESS:
+            data = os.pread(self._handle, count, start)
+        else:
+            os.lseek(self._handle, start, os.SEEK_SET)
+            data = os.read(self._handle, count)
         view[:count] = data + bytes(count - len(data))
         for offset, kept in self._unwritten:
             first, last = max(offset, start), min(offset + len(kept), start + count)
@@ -215,7 +225,7 @@ def open_to_append(path: Path) -> BinaryIO:
     Raises:
         OSError: it cannot be opened; a symbolic link is not followed (ELOOP).
     """
-    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | O_CLOEXEC | O_NOFOLLOW
     return os.fdopen(os.open(path, flags, 0o644), "ab", buffering=0)
 
 
@@ -233,11 +243,13 @@ def inner_folder(folder: Path, name: str) -> Path:
 
 
 def flush_directory(folder: Path) -> None:
-    """Make renames and new names in a folder survive a power cut.
+    """Make renames and new names in a folder survive a power cut; Windows cannot open a folder for that.
 
     Raises:
         OSError: the disk refused.
     """
+    if os.name == "nt":
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -15,7 +15,6 @@ application on the pipes only; here it accepts a stop only.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import shutil
@@ -25,6 +24,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from drivers.posix import fcntl
 from rig import text_file
 from rig.errors import FileProblem
 

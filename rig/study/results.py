@@ -6,7 +6,6 @@ search at smaller budgets.
 
 from __future__ import annotations
 
-import fcntl
 import io
 import json
 import os
@@ -18,6 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from drivers.posix import fcntl
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.identification.models.model_slope import modelled_force

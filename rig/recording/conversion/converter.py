@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import resource
 import select
 import signal
 import subprocess
@@ -25,6 +24,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
 
+from drivers.posix import resource
 from rig.clock import monotonic_ns
 from rig.recording.point_files import FinishedPoint, journal_name
 
@@ -200,9 +200,10 @@ def warm_up() -> None:
 
 def limit_memory() -> None:
     """No journal takes the memory that the station needs: beyond the limit it is this process that fails."""
-    page, status = os.sysconf("SC_PAGE_SIZE"), Path("/proc/self/statm")
-    if not status.is_file():
+    status = Path("/proc/self/statm")
+    if not status.is_file() or resource is None:
         return
+    page = os.sysconf("SC_PAGE_SIZE")
     data_pages = int(status.read_text(encoding="ascii").split()[5])
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = data_pages * page + MEMORY_BYTES

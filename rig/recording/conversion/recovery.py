@@ -5,12 +5,12 @@ Before a point is repeated, its files from earlier sessions are set aside; files
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+from drivers.posix import fcntl
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.recording.atomic_write import flush_directory

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from drivers.posix import O_CLOEXEC, O_NOFOLLOW
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.text_file import read_bytes
@@ -40,7 +41,7 @@ class CampaignLog:
     def __init__(self, folder: Path) -> None:
         self.path = CampaignFolder(folder).journal
         torn = self.path.is_file() and read_bytes(self.path, LARGEST_BYTES)[-1:] not in {b"", b"\n"}
-        self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | O_CLOEXEC | O_NOFOLLOW, 0o644)
         if torn:
             # A crash cut the last line off; the next one begins on its own.
             os.write(self._handle, b"\n")

@@ -12,7 +12,6 @@ index or length does not match: truncated or corrupted data are reported as miss
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import mmap as memory
 import os
@@ -28,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.posix import fcntl
 from rig.recording.atomic_write import flush_directory
 from rig.recording.layout import Event
 from rig.recording.ring_records import RECORD_DTYPE

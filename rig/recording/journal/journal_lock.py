@@ -7,12 +7,12 @@ reads. So no process recovers a point that is still being recorded, and two that
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from drivers.posix import O_CLOEXEC, fcntl
 from rig.errors import FileProblem, Refused
 
 
@@ -25,7 +25,7 @@ def campaign_held(folder: Path) -> Iterator[None]:
         Refused: another process holds it (slug `two-instances`): the campaign still runs or is being recovered.
     """
     try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | O_CLOEXEC)
     except OSError as error:
         raise FileProblem(str(folder), [f"this is not a campaign folder: {error.strerror}"]) from error
     try:
@@ -54,7 +54,7 @@ def journal_claimed(journal: Path) -> Iterator[int | None]:
         OSError: it cannot be opened.
     """
     try:
-        handle = os.open(journal, os.O_RDONLY | os.O_CLOEXEC)
+        handle = os.open(journal, os.O_RDONLY | O_CLOEXEC)
     except FileNotFoundError:
         yield None
         return

@@ -16,7 +16,7 @@ import pytest
 from in_process import rig, rig_process
 
 from rig import __version__, version
-from rig.cli.main import COMMANDS, answered, conflicting_packages
+from rig.cli.main import COMMANDS, answered, conflicting_packages, main
 from rig.cli.main import _present_spelling as present_spelling
 from rig.errors import EXIT_DEFECT
 
@@ -313,3 +313,14 @@ def test_a_defect_ends_in_one_line_and_a_file(capsys: pytest.CaptureFixture[str]
     written = Path(message.split()[-1])
     assert "ZeroDivisionError: a defect" in written.read_text(encoding="utf-8")
     written.unlink()
+
+
+def test_a_package_of_an_extra_that_is_not_installed_is_named_with_its_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = "".join(f"0.{k:03},{k},{k}\n" for k in range(300))
+    (tmp_path / "t.csv").write_text(f"time [s],force [N],displacement [mm]\n{rows}")
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    columns = [text for name in ("time", "force", "displacement") for text in ("--column", f"{name}={name}")]
+    assert main(["import", str(tmp_path / "t.csv"), *columns, "--current", "0 A", "--out", str(tmp_path)]) == 2
+    assert "pip install 'mr-damper-rig[tables]'" in capsys.readouterr().err
