@@ -72,6 +72,11 @@ class Shown:
         """A value that is positive in rebound, with the sign of the display and the unit: "-1234 N"."""
         return f"{self.signed(si) + 0.0:.{digits}g} {self.unit}"
 
+    def span(self, low: float, high: float, word: str = "to") -> str:
+        """Two positions, from SI, with the sign of the display, the lower one first: "-50 mm to 50 mm"."""
+        ends = (low, high) if self.positive == "rebound" else (high, low)
+        return f" {word} ".join(self.signed_text(end) for end in ends)
+
     def fixed(self, si: float, resolution: float) -> str:
         """A signed value with as many decimals as this resolution (SI) needs, without the unit: "12.3", "0.484"."""
         decimals = max(0, math.ceil(-math.log10(resolution / self.scale) - 1e-9))

@@ -16,11 +16,13 @@ from rich.style import Style
 from rig.document.blocks import Block, Blocks, Column, Note, Paragraph, Row, table
 from rig.document.terminal import Line, lines
 from rig.document.words import FAIR, GOOD, PLAIN, POOR
+from rig.errors import clean_text
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from rig.display import Display
+    from rig.matrix.feasibility import Reason
     from rig.matrix.plan import Plan, PlannedPoint
 
 FEW = 40
@@ -29,6 +31,11 @@ FIRST, LAST = 3, 2
 """Of a longer group, so many rows from its beginning and its end."""
 MOST_SPANS = 6
 """Runs of neighbouring points that a line names."""
+SHORT = {
+    "stopping-distance": "stopping", "specimen-current": "current", "current-settling": "settling",
+    "hybrid-unstable": "unstable",
+}  # fmt: skip
+"""Causes as a narrow column names them."""
 NO_VALUE = "-"
 
 COLOURS = {"valid": "green", "suspect": "yellow", "invalid": "red"}
@@ -103,18 +110,18 @@ def _verdict(plan: Plan) -> Blocks:
 
 def _causes(items: Sequence[PlannedPoint]) -> Blocks:
     """A line for each cause: its points, and its reason; where that has other numbers at each point, the worst one."""
-    blamed: dict[str, list[tuple[PlannedPoint, str]]] = {}
+    blamed: dict[str, list[tuple[str, Reason]]] = {}
     for item in items:
-        for cause, text in zip(item.causes, item.reasons, strict=True):
-            blamed.setdefault(cause.slug, []).append((item, text))
-    lines: Blocks = []
+        for cause in item.causes:
+            blamed.setdefault(cause.slug, []).append((item.point.id, cause))
+    lines, order = list[Block](), [item.point.id for item in items]
     for slug, found in blamed.items():
-        worst, text = min(found, key=lambda one: (one[0].would_fit_m or 0.0) / (one[0].point.amplitude_m or 1.0))
-        ids = _spans([item.point.id for item, _ in found], [item.point.id for item in items])
-        alike = len({text for _, text in found}) == 1
-        at = "" if len(found) == 1 or alike else f"worst point {worst.point.id}: "
+        name, worst = max(found, key=lambda one: one[1].excess)
+        alike = len({cause.text for _, cause in found}) == 1
+        at = "" if len(found) == 1 or alike else f"worst point {name}: "
         count = "" if len(found) == 1 else f"{len(found)} points, "
-        lines.append(Note(POOR, f"{slug} ({count}{ids}): {at}{text}"))
+        ids = _spans([one for one, _ in found], order)
+        lines.append(Note(POOR, f"{slug} ({count}{ids}): {at}{clean_text(worst.text)}"))
     return lines
 
 
@@ -173,7 +180,7 @@ def _ranges(items: Sequence[PlannedPoint], shown: Display) -> str:
 
 
 def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Blocks:
-    """A table; with points outside limits, their causes and the amplitude that would fit are columns of it.
+    """A table; in a plan that is refused, with the cause and the amplitude that would fit instead of heat and time.
 
     `left_out` rows follow the first ones.
     """
@@ -183,7 +190,8 @@ def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Block
         Column("point"), *([Column("limits")] if refused else []), Column("waveform"), Column("ampl.", length, True),
         *([Column("fits", length, True)] if refused else []), Column("freq.", "Hz", True), Column("current", "A", True),
         Column("speed", shown.speed.unit, True), Column("accel.", "m/s^2", True),
-        Column("force", shown.force.unit, True), Column("heat", "J", True), Column("time", "", True),
+        Column("force", shown.force.unit, True),
+        *([] if refused else [Column("heat", "J", True), Column("time", "", True)]),
     ]  # fmt: skip
     rows = [Row(_cells(item, plan), PLAIN if item.feasible else POOR) for item in items]
     if left_out:
@@ -194,14 +202,15 @@ def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Block
 def _cells(item: PlannedPoint, plan: Plan) -> tuple[str, ...]:
     point, shown, refused = item.point, plan.display, not plan.feasible
     frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
-    limits = ", ".join(cause.slug for cause in item.causes) or "within"
+    causes = [SHORT.get(cause.slug, cause.slug) for cause in item.causes] or ["within"]
+    limits = causes[0] if len(causes) == 1 else f"{causes[0]} +{len(causes) - 1}"
     force_N = item.predicted_force_N
     return (
         point.id, *([limits] if refused else []), point.motion, number(shown.displacement.value(point.amplitude_m)),
         *([_fits(item, plan)] if refused else []), frequency, f"{point.current_A:.3g}",
         number(shown.speed.value(item.peaks.speed_m_s), 3), f"{item.peaks.acceleration_m_s2:.2f}",
-        number(None if force_N is None else shown.force.value(force_N)), number(item.energy_J),
-        duration(item.duration_s),
+        number(None if force_N is None else shown.force.value(force_N)),
+        *([] if refused else [number(item.energy_J), duration(item.duration_s)]),
     )  # fmt: skip
 
 

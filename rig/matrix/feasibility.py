@@ -13,6 +13,7 @@ from drivers.streamed_actuator import FEWEST_SETPOINTS
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import Limits
+from rig.files.display_table import display_of
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.stopping import stop_fits, stopping_reach, within
@@ -48,59 +49,66 @@ class Reason:
 
     `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `stopping-distance`, `force`, `heat`, `current`,
     `specimen-current`, `current-settling`, `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`;
-    `text` has the numbers.
+    `text` has the numbers; `excess` grows with how far it is beyond its limit, among points
+    with the same slug; 0 where that cannot be ordered.
     """
 
     slug: str
     text: str
+    excess: float = 0.0
 
 
 def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Every limit of bench and specimen that the motion or its current would exceed; heat apart."""
-    limits = bench.limits
+    limits, shown = bench.limits, display_of(bench.display, matrix.display)
     reached_m_s, reached_m_s2 = peaks(point, bench)
     if _beyond(reached_m_s, limits.speed_m_s):
-        limit, ripple = limits.speed_m_s, _ripple(reached_m_s, point.peak_speed_m_s, "m/s")
-        text = f"speed {reached_m_s:.3g} m/s{_when(point, 0)} is above the bench's limit, {limit:.3g} m/s{ripple}"
-        yield Reason("speed", text)
+        own_m_s = point.peak_speed_m_s
+        ripple = _ripple(shown.speed.text(own_m_s, 3)) if _beyond(reached_m_s, own_m_s) else ""
+        text = (
+            f"speed {shown.speed.text(reached_m_s, 3)}{_when(point, 0)} is above the bench's limit, "
+            f"{shown.speed.text(limits.speed_m_s, 3)}{ripple}"
+        )
+        yield Reason("speed", text, reached_m_s / limits.speed_m_s)
     if _beyond(reached_m_s2, limits.acceleration_m_s2):
-        limit, ripple = limits.acceleration_m_s2, _ripple(reached_m_s2, point.peak_acceleration_m_s2, "m/s^2")
+        limit, own_m_s2 = limits.acceleration_m_s2, point.peak_acceleration_m_s2
+        ripple = _ripple(f"{own_m_s2:.3g} m/s^2") if _beyond(reached_m_s2, own_m_s2) else ""
         text = (
             f"acceleration {reached_m_s2:.3g} m/s^2{_when(point, 1)} is above the bench's limit, {limit:.3g} "
             f"m/s^2{ripple}"
         )
-        yield Reason("acceleration", text)
+        yield Reason("acceleration", text, reached_m_s2 / limit)
     yield from _against_travel(point, matrix, bench)
     if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
         yield Reason(
             "force",
-            f"predicted force {force_N:.4g} N is above the bench's limit, {limits.force_N:.4g} N minus "
-            f"{100 * FORCE_HEADROOM:g} % headroom",
+            f"predicted force {shown.force.text(force_N)} is above the bench's limit, "
+            f"{shown.force.text(limits.force_N)} minus "
+            f"{100 * FORCE_HEADROOM:g} % headroom", force_N / limits.force_N,
         )
     yield from _independent_of_amplitude(point, matrix, bench)
 
 
 def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Travel limits that the motion exceeds; if it keeps them, those that a halt at some instant would exceed."""
-    limits, specimen = bench.limits, matrix.specimen
-    low, high = limits.position_m
+    limits, specimen, shown = bench.limits, matrix.specimen, display_of(bench.display, matrix.display).displacement
     travel_fits = True
-    room = f"; a margin of {show(HEADROOM_M, 'mm')} is required at each end"
+    room = f"; a margin of {shown.text(HEADROOM_M)} is required at each end"
     if _beyond(point.amplitude_m, _room_m(point, limits)):
         travel_fits = False
-        text = f"{_span(point)} exceeds the bench's range, {show(low, 'mm')} to {show(high, 'mm')}{room}"
-        yield Reason("position", text)
+        ends_m = point.centre_m - point.amplitude_m, point.centre_m + point.amplitude_m
+        text = f"{shown.span(*ends_m)} exceeds the bench's range, {shown.span(*limits.position_m)}{room}"
+        yield Reason("position", text, point.amplitude_m)
     if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
         travel_fits = False
         travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
-        text = f"travel of {show(travel_m, 'mm')} exceeds the specimen's stroke, {show(stroke_m, 'mm')}{room}"
-        yield Reason("stroke", text)
+        text = f"travel of {shown.text(travel_m)} exceeds the specimen's stroke, {shown.text(stroke_m)}{room}"
+        yield Reason("stroke", text, travel_m / stroke_m)
     room_m, reached = command_room(matrix, bench)[:2], stopping_reach(point, matrix, bench)
     if travel_fits and not within(reached, room_m):
         text = (
             f"stopping distance: with a deceleration of {bench.actuator.halt_deceleration_m_s2:g} m/s^2, the rod stops "
-            f"between {show(reached.low_m, 'mm', 4)} and {show(reached.high_m, 'mm', 4)}; allowed: "
-            f"{show(room_m[0], 'mm')} to {show(room_m[1], 'mm')}"
+            f"between {shown.span(*reached, word='and')}; allowed: {shown.span(*room_m)}"
         )
         fits = stop_fits(point, matrix, bench, room_m).text
         yield Reason("stopping-distance", f"{text}; {fits}" if fits else text)
@@ -148,7 +156,7 @@ def too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterato
     if _beyond(rise_K, width_K):
         wide = "wide above ambient" if coldest_degC > low_degC else "wide"
         text = f"the test would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K {wide}"
-        yield Reason("heat", text)
+        yield Reason("heat", text, rise_K / width_K)
 
 
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
@@ -264,11 +272,9 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
         yield Reason("sampling", text)
 
 
-def _ripple(reached: float, own: float, unit: str) -> str:
-    """How much of what is reached the motion itself asks for; empty where that is all."""
-    if not _beyond(reached, own):
-        return ""
-    return f" ({own:.3g} {unit} for the motion itself; the rest is due to ramps, ramp-down, corners and streaming)"
+def _ripple(own: str) -> str:
+    """How much of what is reached the motion itself asks for."""
+    return f" ({own} for the motion itself; the rest is due to ramps, ramp-down, corners and streaming)"
 
 
 def _when(point: TestPoint, which: int) -> str:
@@ -289,10 +295,6 @@ def _room_m(point: TestPoint, limits: Limits) -> float:
 
 def _allowed_force_N(bench: Bench) -> float:
     return bench.limits.force_N * (1.0 - FORCE_HEADROOM)
-
-
-def _span(point: TestPoint) -> str:
-    return f"{show(point.centre_m - point.amplitude_m, 'mm')} to {show(point.centre_m + point.amplitude_m, 'mm')}"
 
 
 def _beyond(value: float, limit: float) -> bool:
