@@ -119,10 +119,6 @@ class CampaignFolder:
         """The truth file of an earlier session."""
         return self.truth.with_stem(f"{self.truth.stem}-session{session}")
 
-    def earlier_fit(self, written: str) -> Path:
-        """Where a fit is kept once another one takes its place; `written` says when it was."""
-        return self.fit.with_stem(f"{self.fit.stem}-{written}")
-
 
 def run_path(given: Path | str) -> Path:
     """The path of a run, or of a file in a run, that a user specified.

@@ -78,6 +78,16 @@ class Stopped(RigError):
         super().__init__(message)
 
 
+class NoSuchEntry(RigError, KeyError, IndexError):
+    """A value in memory has no entry of that name or place; the message lists those that it has."""
+
+    slug = "no-such-entry"
+
+    def __str__(self) -> str:
+        """The message as it is; a `KeyError` would put quotes around it."""
+        return str(self.args[0]) if self.args else ""
+
+
 class IdentificationFailed(RigError):
     """No model could be fitted; the message names what the data lack."""
 

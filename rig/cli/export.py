@@ -46,19 +46,24 @@ class ExportCommand(Command):
 def command(source: Path, name: str, out: Path, as_json: bool) -> int:
     """Write SOURCE (a campaign folder or a fit.json file) in another format.
 
-    With c, modelica, octave or python, the fitted model is written as source code; with fmi, as an FMU 2.0 for
-    co-simulation; with table, as a table of force vs. speed and current. With svg or png, each figure of the report is
-    written to a separate file.
+    With c, modelica, octave (matlab) or python, the fitted model is written as source code; with fmi (simulink), as an
+    FMU 2.0 for co-simulation; with table, as a table of force vs. speed and current. With svg or png, each figure of
+    the report is written to a separate file.
 
     `rig plugins` lists the formats that other packages provide.
     """
     # loads numpy: not needed for the help
-    from rig.export import export
+    from rig.export import EXPORTERS, export
 
     files = [path.resolve() for path in export(source, name, out)]
     if as_json:
-        write_json({"source": str(source.resolve()), "to": name, "files": [str(path) for path in files]})
+        write_json({
+            "source": str(source.resolve()), "to": name, "files": [str(path) for path in files],
+            "remark": EXPORTERS[name].remark or None,
+        })  # fmt: skip
     else:
         for path in files:
             say(shown_path(path))
+        if EXPORTERS[name].remark:
+            say(EXPORTERS[name].remark)
     return EXIT_DONE

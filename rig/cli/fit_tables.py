@@ -11,13 +11,9 @@ from rig.document.words import FAIR, PLAIN, POOR
 from rig.fits.entries import ErrorSummary, Estimate
 from rig.fits.fit_file import INTERVAL
 from rig.fits.fit_record import FitRecord
+from rig.fits.summary import INADEQUATE
 from rig.matrix.methods import FEW_MODELS
 from rig.report.fit import corrections, cross_validation, extrapolated_words, outside, selection
-
-INADEQUATE = (
-    "Model error exceeds the repeatability of the tests: the values are a best fit; the intervals do not include "
-    "model error"
-)
 
 
 def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blocks:

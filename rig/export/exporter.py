@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+from protocols.near_miss import near_names
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, RigError
 from rig.export.fitted_model import FittedModel
@@ -20,19 +24,39 @@ from rig.export.point_tables import write_points
 from rig.export.report_figures import write_figures
 from rig.export.values import write_values
 from rig.fits.fit_record import FitRecord
+from rig.identification.uncertainty.fit import Fit
 from rig.plugins import EXPORTS, Catalogue
 from rig.recording.run import Run
 
 
 @dataclass(frozen=True)
 class Source:
-    """What is exported: a campaign's directory, or a fit's file.
+    """What is exported: a campaign's directory or a fit's file, or a run or a fit in memory.
 
     Attributes:
-        path: as the user names it.
+        path: as the user names it; of a fit that was not saved, the name that it would have.
+        given: the run or the fit, where it is in memory; None: it is read from the path.
     """
 
     path: Path
+    given: Run | FitRecord | None = None
+
+    @classmethod
+    def of(cls, source: Path | str | Run | FitRecord) -> Source:
+        """A path, a run or a fit as a source.
+
+        Raises:
+            FileProblem: it is none of these.
+        """
+        if isinstance(source, FitRecord):
+            return cls(source.path or Path(CampaignFolder.fit), source)
+        if isinstance(source, Run):
+            return cls(source.path, source)
+        if isinstance(source, str | os.PathLike):
+            return cls(Path(source))
+        raise FileProblem("export", [
+            f"got {type(source).__name__}, expected a run or a fit: a value, or the path of its folder or file"
+        ])  # fmt: skip
 
     @cached_property
     def run(self) -> Run:
@@ -41,7 +65,9 @@ class Source:
         Raises:
             FileProblem: it is none.
         """
-        if self.path.suffix == ".json":
+        if isinstance(self.given, Run):
+            return self.given
+        if isinstance(self.given, FitRecord) or self.path.suffix == ".json":
             raise FileProblem(
                 str(self.path),
                 ["got a fit, expected a run: this format exports recordings. Fix: specify a campaign folder"],
@@ -55,6 +81,9 @@ class Source:
         Raises:
             FileProblem: there is none, or it is no fit; everything that is wrong with it.
         """
+        if isinstance(self.given, FitRecord):
+            written = json.dumps(self.given.to_json(), indent=1, allow_nan=False) + "\n"
+            return replace(self.given, sha256=self.given.sha256 or hashlib.sha256(written.encode()).hexdigest())
         file = self.fit_file
         if not file.is_file():
             raise FileProblem(str(file), ["no fit found. Fix: create a fit with `rig identify`"])
@@ -68,6 +97,15 @@ class Source:
             FileProblem: as `fit_record`.
         """
         return self.fit_record.to_json()
+
+    @cached_property
+    def usable_fit(self) -> Fit:
+        """The fit with the functions that use it.
+
+        Raises:
+            FileProblem: as `fit_record`.
+        """
+        return self.given if isinstance(self.given, Fit) else Fit.load(self.path)
 
     @property
     def fit_file(self) -> Path:
@@ -86,7 +124,11 @@ class Source:
 
     @property
     def name(self) -> str:
-        """A name for files: that of the campaign's directory."""
+        """A name for files: that of the campaign's directory; `fit` or `tests` of what is only in memory."""
+        if isinstance(self.given, FitRecord) and self.given.path is None:
+            return "fit"
+        if isinstance(self.given, Run) and self.given.path == Run.NOWHERE:
+            return "tests"
         return (self.path if self.path.is_dir() else self.path.resolve().parent).resolve().name
 
 
@@ -99,12 +141,14 @@ class Exporter:
         takes: what it is made of; a "fit" is also found in its campaign's directory.
         line: one line for people.
         write: writes into an existing folder, from the source; the files it made.
+        remark: what the files are and how to use them, for people, where the name does not tell; empty otherwise.
     """
 
     name: str
     takes: Literal["run", "fit"]
     line: str
     write: Callable[[Source, Path], list[Path]]
+    remark: str = ""
 
 
 def exporter_of_plug_in(name: str, brought: object) -> Exporter:
@@ -174,11 +218,17 @@ OWN = (
     Exporter("c", "fit", "the model as C99 source, verified against this software's model", _write_c),
     Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, with sources", _write_fmu),
     Exporter("modelica", "fit", "the model as a Modelica block (most models)", _write_modelica),
+    Exporter("matlab", "fit", "the same file as octave: a function for MATLAB and Octave", _write_octave, (
+        "A function file for MATLAB and Octave, the same as --to octave (tested in Octave). In MATLAB, add its folder "
+        "to the path and call [F, d, beyond] = damper_MODEL(u, v, a, current, dt)")),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
+    Exporter("simulink", "fit", "the same file as fmi: an FMU 2.0 for the FMU block of Simulink", _write_fmu, (
+        "An FMU 2.0 for co-simulation, the same as --to fmi; it is not a .slx model. In Simulink, add the block `FMU`, "
+        "select this file, and connect u (m), v (m/s), a (m/s^2) and current (A)")),
     Exporter("python", "fit", "the model as a self-contained Python module", _write_python),
     Exporter("table", "fit", "force as a function of speed and current (CSV), within the tested range", _write_table),
     Exporter("inverse", "fit", "current as a function of speed and force (CSV)", lambda
-             source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
+             source, out: [write_inverse(source.usable_fit, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""
 
@@ -186,11 +236,11 @@ EXPORTERS: Mapping[str, Exporter] = Catalogue({one.name: one for one in OWN}, EX
 """Every format by name; plug-ins (entry points `mr_rig.exports`) behind our own."""
 
 
-def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
+def export(path: Path | str | Run | FitRecord, to: str, out: Path | str) -> list[Path]:
     """Write a run or a fit in another format.
 
     Args:
-        path: a campaign's directory, or the file of a fit.
+        path: a campaign's directory, the file of a fit, or a run or a fit in memory.
         to: key of `EXPORTERS`.
         out: folder for the files; made where it is not there.
 
@@ -203,8 +253,10 @@ def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
         PlugInProblem: the format is a plug-in's, and that cannot be used or failed.
     """
     if to not in EXPORTERS:
-        raise RigError(f"export: got {to!r}, expected one of {', '.join(EXPORTERS)}")
-    exporter, source, folder = EXPORTERS[to], Source(Path(path)), Path(out)
+        near = near_names(str(to), EXPORTERS)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise RigError(f"export: got {to!r}, expected one of {', '.join(EXPORTERS)}{hint}")
+    exporter, source, folder = EXPORTERS[to], Source.of(path), Path(out)
     _ = source.run if exporter.takes == "run" else source.fit_record
     made = [level for level in (folder, *folder.parents) if not level.exists()]
     try:

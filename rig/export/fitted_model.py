@@ -6,8 +6,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from rig.dampers.arrays import FloatArray
 from rig.dampers.covered import Covered
 from rig.dampers.model import DamperModel
@@ -65,10 +63,7 @@ class FittedModel:
 
     def covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
-        known, rows = self.fit.parameters, self.fit.correlation
-        names = [name for name in self.fit.identifiable if name in rows and known[name].standard_error is not None]
-        matrix = self.fit.covariance(names)
-        return ([], np.zeros((0, 0))) if matrix is None else (names, matrix)
+        return self.fit.known_covariance()
 
     def described(self) -> list[str]:
         """Lines for people: model, equation, units, ranges, parameters with intervals, covariance, hash of the fit."""

@@ -1,4 +1,4 @@
-"""A fitted model as a functional mock-up unit: FMI 2.0 for co-simulation, sources inside, compiled for this machine."""
+"""A fitted model as a functional mock-up unit: FMI 2.0 for co-simulation, with sources and libraries."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import warnings
 import zipfile
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import rig
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
 from rig.export.code.ranges import ABOUT
 from rig.export.fitted_model import FittedModel
 from rig.export.model_files import source_name, write_c
@@ -31,8 +33,15 @@ UNITS = """  <UnitDefinitions>
     <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
   </UnitDefinitions>"""
 RANGES = {"u": "displacement_m", "v": "velocity_m_s", "current": "current_A"}
-PLATFORMS = {("Linux", "x86_64"): "linux64"}
-"""Names of FMI 2.0; on another machine the unit carries its sources alone."""
+NATIVE = {("Linux", "x86_64"): "linux64"}
+"""Names of FMI 2.0; on another machine the unit has no library for it."""
+COMPILERS = ("cc", "gcc", "clang")
+CROSS_COMPILERS = ("x86_64-w64-mingw32-gcc", "x86_64-w64-mingw32-gcc-win32", "x86_64-w64-mingw32-gcc-posix")
+"""Of Windows programs."""
+INSTALL_CROSS = "apt install gcc-mingw-w64-x86-64"
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared")
+LINUX_FLAGS = ("-fPIC", "-fvisibility=hidden")
+WINDOWS_FLAGS = ("-static-libgcc", "-Wl,--no-insert-timestamp", "-s")
 STEP_S = 1e-3
 FIXED = (1980, 1, 1, 0, 0, 0)
 """Time of the files in the archive: the same fit makes the same unit."""
@@ -53,9 +62,7 @@ def write_fmu(fitted: FittedModel, folder: Path) -> list[Path]:
         (place / "model.h").write_text(_model_header(fitted, header.name), encoding="utf-8")
         content = {f"sources/{file.name}": file.read_bytes() for file in sorted(place.iterdir())}
         content["modelDescription.xml"] = _description(fitted, source.name).encode()
-        binary = PLATFORMS.get((platform.system(), platform.machine()))
-        if binary is not None:
-            content[f"binaries/{binary}/{name}.so"] = _compiled(place, source.name)
+        content |= _libraries(place, source.name, name)
     content["documentation/index.html"] = _page(fitted).encode()
     path = folder / f"{name}.fmu"
     write_durably(path, _archive(content))
@@ -129,22 +136,48 @@ def _range(fitted: FittedModel, variable: str) -> str:
     return "" if ends is None else f"; tested from {ends[0]:g} to {ends[1]:g}"
 
 
-def _compiled(place: Path, source: str) -> bytes:
+def _libraries(place: Path, source: str, name: str) -> dict[str, bytes]:
+    """The libraries for this platform and for Windows, by their paths in the unit.
+
+    A platform without a compiler is left out with a `DataWarning`.
+
+    Raises:
+        FileProblem: there is no compiler at all, or one refuses the sources.
+    """
+    own = NATIVE.get((platform.system(), platform.machine()))
+    compiler, cross = _found(COMPILERS), _found(CROSS_COMPILERS)
+    if compiler is None and cross is None:
+        raise FileProblem("fmi", [f"no C compiler found ({', '.join(COMPILERS)}). Fix: apt install gcc libc6-dev"])
+    libraries = {}
+    if own is not None and compiler is not None:
+        command = [compiler, *FLAGS, *LINUX_FLAGS, "fmu.c", source, "-lm"]
+        libraries[f"binaries/{own}/{name}.so"] = _compiled(place, command, "model.so")
+    if cross is not None:
+        command = [cross, *FLAGS, *WINDOWS_FLAGS, "fmu.c", source, "-lm"]
+        libraries[f"binaries/win64/{name}.dll"] = _compiled(place, command, "model.dll")
+    else:
+        held = ", ".join(path.split("/")[1] for path in libraries) or "the sources"
+        warnings.warn(
+            f"fmi: the FMU contains {held} only: Windows (win64) requires a cross compiler. Fix: {INSTALL_CROSS}, "
+            "and export again", DataWarning, stacklevel=2,
+        )  # fmt: skip
+    return libraries
+
+
+def _found(names: Sequence[str]) -> str | None:
+    return next((path for name in names if (path := shutil.which(name)) is not None), None)
+
+
+def _compiled(place: Path, command: Sequence[str], library: str) -> bytes:
     """The shared library of the sources.
 
     Raises:
-        FileProblem: there is no C compiler, or it refuses them.
+        FileProblem: the compiler refuses them.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        raise FileProblem("fmi", ["no C compiler found (cc, gcc or clang). Fix: apt install gcc libc6-dev"])
-    library = place / "model.so"
-    command = [compiler, "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared",
-               "fmu.c", source, "-lm", "-o", library.name]  # fmt: skip
-    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, "-o", library], cwd=place, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise FileProblem("fmi", [f"{compiler} failed: {done.stderr.strip()[:400]}"])
-    return library.read_bytes()
+        raise FileProblem("fmi", [f"{command[0]} failed: {done.stderr.strip()[:400]}"])
+    return (place / library).read_bytes()
 
 
 def _page(fitted: FittedModel) -> str:

@@ -8,18 +8,16 @@ from rig.identification.uncertainty.fit import Fit
 from rig.recording.atomic_write import write_text_durably
 
 
-def write_inverse(fit: Path, path: Path) -> Path:
+def write_inverse(known: Fit, path: Path) -> Path:
     """Write `Fit.inverse_table` with the equation and the tested range as lines that begin with `#`.
 
     Args:
-        fit: a fit's file, or its campaign's directory.
+        known: the fit.
         path: where to.
 
     Raises:
-        FileProblem: there is no fit there.
         IdentificationFailed: the tests ran at one current, or the fit does not say at which.
     """
-    known = Fit.load(fit)
     table = known.inverse_table()
     tested = "" if known.tested is None else known.tested.describe()
     warmth = known.temperature

@@ -42,6 +42,24 @@ class Estimate:
     reason: str = ""
     variance_inflation: float | None = None
 
+    def __float__(self) -> float:
+        """The value; NaN where nothing can be said."""
+        return math.nan if self.value is None else self.value
+
+    def __str__(self) -> str:
+        """Value, standard error and unit."""
+        error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
+        return f"{float(self):.6g}{error} {self.unit}".rstrip()
+
+    def __format__(self, spec: str) -> str:
+        """The value by a format of numbers (`f"{fit['beta']:.4g}"`); without one as text."""
+        return format(float(self), spec) if spec else str(self)
+
+    @property
+    def interval(self) -> tuple[float | None, float | None]:
+        """Ends of the 95 % interval that is shown, in `unit`."""
+        return self.low, self.high
+
     def holds(self, true: float | None) -> bool | None:
         """Whether the shown interval holds a true value (in `unit`); None without an interval or a true value."""
         if true is None or self.low is None or self.high is None or not self.identifiable:

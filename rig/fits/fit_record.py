@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -30,8 +30,12 @@ from rig.fits.entries import (
 )
 from rig.fits.fit_file import FIX, fit_content, read_fit
 from rig.fits.formula import formula
+from rig.fits.parameters import Parameters
 from rig.fits.plain import APART, plain
 from rig.signals.test_set import TestSetSummary
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 COIL = "eta"
 """The rate of the coil's lag: it belongs to the current, not to the force, and many tests do not determine it."""
@@ -58,9 +62,9 @@ def fit_in(folder: Path) -> FitRecord | None:
     return FitRecord.load(folder) if CampaignFolder(folder).fit.is_file() else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitRecord:
-    """A model fitted to a run.
+    """A model fitted to a run; `fit["beta"]` is the estimate of a parameter.
 
     What the parts hold is also an attribute of the fit: `fit.error` is `fit.evaluation.error`.
 
@@ -112,7 +116,7 @@ class FitRecord:
     adequate = _Of(lambda fit: fit.evaluation.adequate)
     selection = _Of(lambda fit: fit.evaluation.selection)
     references = _Of(lambda fit: fit.evaluation.references)
-    residuals = _Of(lambda fit: fit.evaluation.error.residuals)
+    residual_parts = _Of(lambda fit: fit.evaluation.error.residuals)
     passivity = _Of(lambda fit: fit.evaluation.passivity)
     unseen = _Of(lambda fit: fit.evaluation.unseen)
     correlation = _Of(lambda fit: fit.uncertainty.correlation)
@@ -137,6 +141,50 @@ class FitRecord:
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
         return fit_content(plain(self), self.evaluation, self.equation)
+
+    def __repr__(self) -> str:
+        """One line: model, number of tests, error, where it was written."""
+        where = "" if self.path is None else f", {str(self.path)!r}"
+        error = f"{len(self.error.per_test)} tests, RMSE {self.error.rmse_N:.3g} N"
+        return f"{type(self).__name__}({self.model!r}, {len(self.parameters)} parameters, {error}{where})"
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of a parameter: `fit["beta"].value`, `.standard_error`, `.low`, `.high`, `.unit`.
+
+        Raises:
+            NoSuchEntry: the model has no such parameter.
+        """
+        return self.params[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the parameters."""
+        return iter(self.parameters)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.parameters
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.parameters)
+
+    @property
+    def params(self) -> Parameters:
+        """The parameters as a mapping with arrays, a printed table and `to_pandas()`."""
+        return Parameters(self.parameters)
+
+    @property
+    def covariance(self) -> pd.DataFrame:
+        """Covariance (SI) of the parameters that these tests determine, (p, p), rows and columns by their names."""
+        import pandas as pd  # half a second that reading a fit does not need
+
+        names, matrix = self.known_covariance()
+        return pd.DataFrame(matrix, index=names, columns=names)
+
+    def known_covariance(self) -> tuple[list[str], FloatArray]:
+        """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
+        rows, known = self.correlation, self.parameters
+        names = [name for name in self.identifiable if name in rows and known[name].standard_error is not None]
+        matrix = self.covariance_of(names)
+        return ([], np.zeros((0, 0))) if matrix is None else (names, matrix)
 
     @property
     def values(self) -> dict[str, float]:
@@ -215,7 +263,7 @@ class FitRecord:
             raise FileProblem(str(self.path or "fit"), [f"model: {error}", FIX]) from error
         return model, self.known_values(eta_1_s)
 
-    def covariance(self, names: list[str]) -> FloatArray | None:
+    def covariance_of(self, names: list[str]) -> FloatArray | None:
         """Covariance (SI), shape (names, names), of some parameters; None where one has no standard error."""
         errors = [self.parameters[name].standard_error if name in self.parameters else None for name in names]
         scale = np.array([math.nan if error is None else error for error in errors])

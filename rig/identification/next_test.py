@@ -118,7 +118,7 @@ def _loop(
 ) -> Iterator[NextTest]:
     values = {name: value for name, value in fit.values.items() if name != "eta" and name in model.names}
     names = tuple(values)
-    if not names or len(fit.residuals) != len(measurements):
+    if not names or len(fit.residual_parts) != len(measurements):
         return
     spacing = [1 if model.states else max(1, test.u_m.size // ENOUGH) for test in measurements]
     some = [test.rows(slice(0, test.u_m.size, by)) for test, by in zip(measurements, spacing, strict=True)]
@@ -130,7 +130,7 @@ def _loop(
     scale = np.where(scale > 0.0, scale, 1.0)
     before = np.eye(len(names)) / PRIOR_DEVIATION**2
     spread = []
-    tested = zip(some, spacing, slopes, fit.residuals, fit.error.per_test, strict=True)
+    tested = zip(some, spacing, slopes, fit.residual_parts, fit.error.per_test, strict=True)
     for test, by, jacobian, residual, error in tested:
         spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
         scaled = jacobian[test.scored] * scale

@@ -2,27 +2,123 @@
 
 from __future__ import annotations
 
-import itertools
-import json
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from rig.campaign_folder import CampaignFolder
-from rig.errors import IdentificationFailed, evaluating
-from rig.identification.fitting import identify
+from rig.errors import FileProblem, IdentificationFailed, evaluating
+from rig.identification.application.saving import saved
+from rig.identification.fitting import identify as fit_tests
+from rig.identification.models.measurement import Measurement
 from rig.identification.next_test import bench_of
 from rig.identification.options import FEW, DeclaredErrors, FitOptions
 from rig.identification.remarks import say, some
 from rig.identification.uncertainty.fit import Fit
-from rig.recording.atomic_write import write_durably, write_text_durably
+from rig.recording.load_options import OPTIONS, LoadOptions
 from rig.recording.quality.cross_checks import doubts
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 
+if TYPE_CHECKING:
+    from rig.identification.points.inputs import Tests
+    from rig.recording.load_options import Source
+
 AUTO, QUICK = "auto", "asymmetric"
+
+
+def identify(
+    tests: Tests | Source, options: FitOptions | None = None, *, suspect: bool = False,
+    **changes: Any,  # noqa: ANN401 - by their names
+) -> Fit:
+    """Fit a damper model to tests; nothing is written (`Fit.save` does that).
+
+    Args:
+        tests: a campaign's folder, files of this or other programs, a pandas `DataFrame`, a run, points, prepared
+            measurements, or a list of these: what `rig.load` takes.
+        options: what is asked of the fit.
+        suspect: of runs, include suspect points, not only valid ones.
+        changes: options by name in place of those, such as `model="few"` or `series_spring=True`: see `FitOptions`.
+            What is stated of files and tables is taken too, such as `current_A=0.5` or `units={"force": "kN"}`: see
+            `rig.recording.loading.LoadOptions`.
+
+    Returns:
+        The fit; of several models that of the recommended one. Model "auto": the asymmetric model, and where that is
+        not adequate the recommended one of "few"; with options that go with one model only, the asymmetric one.
+
+    Raises:
+        IdentificationFailed: nothing can be identified; the message names what the data lack.
+        FileProblem: the tests cannot be read.
+        TypeError: there is no such option.
+    """
+    reading = {name: changes.pop(name) for name in OPTIONS if name in changes}
+    options = FitOptions.of(options, changes)
+    if isinstance(options.holdout, Path) or (isinstance(options.holdout, str) and Path(options.holdout).exists()):
+        options = replace(options, holdout=Run.open(options.holdout))
+    if _ready(tests):
+        if reading:
+            raise FileProblem("identify", [
+                f"got {', '.join(reading)}, which apply to files and tables, but the tests are already prepared. Fix: "
+                "pass them to rig.load"
+            ])  # fmt: skip
+        return _fitted(tests, options)
+    from rig.recording.loading import runs_of  # loads h5py, which prepared tests do not need
+
+    runs = [tests] if isinstance(tests, Run) else runs_of(tests, LoadOptions.of(reading))
+    return _fit_of_runs(runs, options, suspect=suspect)
+
+
+def _ready(tests: Tests | Source) -> TypeGuard[Sequence[RecordedPoint] | Sequence[Measurement]]:
+    """Whether these are points or measurements, all of which are meant."""
+    return isinstance(tests, Sequence) and not isinstance(tests, str) and bool(tests) and all(
+        isinstance(one, RecordedPoint | Measurement) for one in tests
+    )
+
+
+def _fitted(tests: Tests, options: FitOptions) -> Fit:
+    """The fit of tests that are ready; of the model "auto" that of one model, or of the best of a few."""
+    if options.model != AUTO:
+        return fit_tests(tests, options)
+    fit = fit_tests(tests, replace(options, model=QUICK))
+    if fit.adequate is True or options.one_model_only or options.profile:
+        return fit
+    return fit_tests(tests, replace(options, model=FEW))
+
+
+def _fit_of_runs(runs: Sequence[Run], options: FitOptions, *, suspect: bool) -> Fit:
+    """The fit of the valid points of runs, with what their calibrations leave uncertain.
+
+    Raises:
+        IdentificationFailed: nothing can be identified, or the runs are of different dampers.
+    """
+    points = [point for run in runs for point in (run.usable if suspect else run.valid)]
+    taken = {"valid", "suspect"} if suspect else {"valid"}
+    others = [point for run in runs for point in run.points if point.verdict not in taken]
+    left_out = [line for run in runs for line in run.unreadable]
+    left_out += [
+        say("left-out", test=point.id, reason=f"{point.verdict} ({'; '.join(point.reasons)})") for point in others
+    ]
+    if not points:
+        hint = "; `--suspect` (in Python suspect=True) includes suspect points" if any(
+            point.verdict == "suspect" for point in others) else ""  # fmt: skip
+        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
+    tested = [*runs, options.holdout] if isinstance(options.holdout, Run) else runs
+    specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
+    if len(specimens) > 1:
+        raise IdentificationFailed(
+            f"these runs have different specimens ({', '.join(sorted(specimens))}), but a fit describes one damper. "
+            "Fix: identify the runs separately"
+        )
+    options = replace(
+        options, declared=options.declared or declared_errors(points),
+        allowance=options.allowance or bench_of(runs[0].path),
+        campaign=options.campaign or [point for run in tested for point in run.usable],
+    )  # fmt: skip
+    with evaluating(f"the fit of {some([point.id for point in points])}"):
+        fit = _fitted(points, options)
+    doubted = [f"doubtful calibration, not included in any interval: {line}" for line in doubts(points)]
+    return replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
 
 
 def identify_run(
@@ -36,8 +132,7 @@ def identify_run(
 
     Args:
         paths: campaign directories, folders in which exactly one campaign is located, or point files.
-        options: what is asked of the fit. Model "auto": the asymmetric model, and where that is not adequate "few";
-            with options that go with one model only, the asymmetric one. A held-out run may be given by its path.
+        options: what is asked of the fit, as in `identify`. A held-out run may be given by its path.
         suspect: include suspect points, not only valid ones.
         changes: options by name in place of those: see `FitOptions`.
 
@@ -46,38 +141,8 @@ def identify_run(
         FileProblem: a path is no run.
         TypeError: there is no such option.
     """
-    options = FitOptions.of(options, changes)
     runs = [Run.open(path) for path in paths]
-    points = [point for run in runs for point in (run.usable if suspect else run.valid)]
-    taken = {"valid", "suspect"} if suspect else {"valid"}
-    others = [point for run in runs for point in run.points if point.verdict not in taken]
-    left_out = [line for run in runs for line in run.unreadable]
-    left_out += [
-        say("left-out", test=point.id, reason=f"{point.verdict} ({'; '.join(point.reasons)})") for point in others
-    ]
-    if not points:
-        hint = "; `--suspect` includes suspect points" if any(point.verdict == "suspect" for point in others) else ""
-        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
-    other = options.holdout
-    if isinstance(other, str | Path) and Path(other).exists():
-        other = Run.open(other)
-    tested = [*runs, other] if isinstance(other, Run) else runs
-    specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
-    if len(specimens) > 1:
-        raise IdentificationFailed(
-            f"these runs have different specimens ({', '.join(sorted(specimens))}), but a fit describes one damper. "
-            "Fix: identify the runs separately"
-        )
-    options = replace(
-        options, holdout=other, declared=declared_errors(points), allowance=bench_of(runs[0].path),
-        campaign=[point for run in tested for point in run.usable],
-    )  # fmt: skip
-    with evaluating(f"the fit of {some([point.id for point in points])}"):
-        fit = identify(points, options, model=QUICK if options.model == AUTO else options.model)
-        if options.model == AUTO and fit.adequate is not True and not (options.one_model_only or options.profile):
-            fit = identify(points, options, model=FEW)
-    doubted = [f"doubtful calibration, not included in any interval: {line}" for line in doubts(points)]
-    fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
+    fit = identify(runs, options, suspect=suspect, **changes)
     written, kept = write_fit(fit, runs[0].path)
     return replace(fit, path=written, kept=kept)
 
@@ -97,24 +162,4 @@ def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
     Returns:
         Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
     """
-    target = CampaignFolder(folder).fit
-    kept = _kept(target)
-    write_text_durably(target, json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n")
-    return target, kept
-
-
-def _kept(target: Path) -> Path | None:
-    """Give an older fit a name of its own, by the time it was written; None where there is none."""
-    if not target.is_file():
-        return None
-    written = datetime.fromtimestamp(target.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
-    for number in itertools.count(1):
-        name = CampaignFolder(target.parent).earlier_fit(f"{written}{'' if number == 1 else f'-{number}'}")
-        try:
-            name.hardlink_to(target)
-        except FileExistsError:
-            continue
-        except OSError:  # a file system without hard links
-            write_durably(name, target.read_bytes())
-        return name
-    return None
+    return saved(fit.text, CampaignFolder(folder).fit)

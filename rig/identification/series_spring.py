@@ -62,7 +62,7 @@ def prepare(state: FitState) -> FitState:
 
 def complete(state: FitState) -> FitState:
     """The fit with the spring, whose interval the residuals widen."""
-    widening = max((residual.widening for residual in state.so_far.residuals), default=1.0)
+    widening = max((residual.widening for residual in state.so_far.residual_parts), default=1.0)
     return state.with_parts(corrections={"series": state.found[SPRING].widened(widening, quantile() * SMOOTHING)})
 
 

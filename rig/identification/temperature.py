@@ -276,7 +276,7 @@ def _with_rates(
     fit: Fit, found: TemperatureCorrection, fitted: Sequence[Measurement], held_out: Sequence[Measurement]
 ) -> Fit:
     """The fit of the corrected tests with its rates, its errors on the tests as they were measured."""
-    widening = max((residual.widening for residual in fit.residuals), default=1.0)
+    widening = max((residual.widening for residual in fit.residual_parts), default=1.0)
     own = len(found.names)
     covariance = widening * found.covariance + np.outer(found.form[own:], found.form[own:])
     parameters = {name: _moved(name, entry, found, widening) for name, entry in fit.parameters.items()}
@@ -304,7 +304,7 @@ def _with_rates(
     law = fit.law
     seen = score_forces(fitted, (law.force_of(test) for test in fitted))
     unseen = score_forces(held_out, (law.force_of(test) for test in held_out)) if held_out else fit.holdout
-    evaluation = replace(fit.evaluation, error=seen.with_residuals(fit.residuals), holdout=unseen)
+    evaluation = replace(fit.evaluation, error=seen.with_residuals(fit.residual_parts), holdout=unseen)
     return replace(fit, evaluation=evaluation)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from rig.recording.file_formats.columns import (
 )
 from rig.recording.file_formats.file_layout import FileLayout
 from rig.recording.file_formats.formats import open_file
+from rig.recording.file_formats.named_columns import stated_columns
 from rig.recording.file_formats.table_file import Break, Dialect, TableFile, check_equal_lengths
 from rig.recording.file_formats.together import brought_together
 from rig.signals.arrays import FloatArray
@@ -80,6 +82,8 @@ class ImportedTest:
     """How the times were found behind the file's stamps."""
     layout: FileLayout | None = None
     """What the file looked like."""
+    described: Mapping[str, str] = field(default_factory=dict)
+    """What an export of this program states of the test, by the names in its list of points."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,8 @@ class ImportSettings:
     ampere_per_volt: float = 1.0
     scales: Mapping[str, str | float] = field(default_factory=dict)
     no_value: Sequence[float] | None = None
+    described: Mapping[str, str] = field(default_factory=dict)
+    """What is known of the test besides; see `ImportedTest.described`."""
 
 
 def read_tests(files: Sequence[Path], settings: ImportSettings) -> list[ImportedTest]:
@@ -179,6 +185,7 @@ def _tests_of(
     Raises:
         FileProblem: one line for each thing that does not fit.
     """
+    settings = _with_stated(file, opened, settings)
     choices = _choices(file, opened, settings)
     table, stated = _table(file, opened, choices, settings)
     if "voltage" in table:
@@ -195,6 +202,29 @@ def _tests_of(
             quantity: values[start:stop] for quantity, values in table.items()
         }, _Part(part, start, (*notes, *stated)), settings, pattern))  # fmt: skip
     return tests
+
+
+def _with_stated(file: Path, opened: TableFile, settings: ImportSettings) -> ImportSettings:
+    """The settings with what the file states: columns by their names, where the user names none, and its description.
+
+    Raises:
+        FileProblem: several columns state the same quantity.
+    """
+    described = {**getattr(opened, "described", {}), **settings.described}
+    current_A = settings.current_A
+    if current_A is None and described.get("current_A"):
+        with contextlib.suppress(ValueError):
+            current_A = float(described["current_A"])
+    settings = replace(settings, described=described, current_A=current_A)
+    if settings.columns:
+        return settings
+    try:
+        stated = stated_columns(opened.columns)
+    except FileProblem as error:
+        raise FileProblem(str(file), error.problems) from error
+    if settings.rate_Hz is not None:
+        stated.pop("time", None)
+    return replace(settings, columns=stated)
 
 
 @dataclass(frozen=True)
@@ -248,6 +278,7 @@ def _test(
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
         table.get("commanded_current"), choices, f"{opened.read_as}; {notes}", table.get("temperature"), part.name,
         times, FileLayout.of(opened.read_as, opened.columns, choices, 1.0 / float(np.median(np.diff(time_s)))),
+        settings.described,
     )
 
 
@@ -311,6 +342,8 @@ def _opened(file: Path, settings: ImportSettings) -> tuple[list[tuple[str, Table
     try:
         return open_file(file, settings.dialect)
     except FileProblem as error:
+        if not settings.columns:
+            raise
         try:
             check_choices(settings.columns, settings.scales)
         except FileProblem as other:

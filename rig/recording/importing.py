@@ -30,7 +30,9 @@ from rig.recording.import_preset import KEY, ImportPreset
 from rig.recording.imported_quality import TestSamples, assess
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.motion_parts import TestPart, every_part
+from rig.recording.point_attributes import point_fields
 from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, time_quality
+from rig.recording.recorded_point import RecordedPoint
 from rig.signals.cycles import MeasuredMotion
 from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
@@ -193,6 +195,30 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], described: Described
     write_text_durably(CampaignFolder(folder).description, json.dumps(description, indent=1) + "\n")
 
 
+def points_of(tests: Sequence[ImportedTest], described: Described) -> list[RecordedPoint]:
+    """Tests as points in memory, the same as those of a run that `write_run` makes of them.
+
+    Args:
+        tests: as `rig.recording.external_tests.read_tests` gives them.
+        described: of all tests.
+    """
+    parts = every_part(tests, described.waveform)
+    return [_point_of(_point_file(name, part, described)) for name, part in zip(_names(parts), parts, strict=True)]
+
+
+def _point_of(file: PointFile) -> RecordedPoint:
+    """The point that its file would be opened as, without a file."""
+    quality, test, skew = PointQuality.read(file.quality), file.test, PointQuality.read(file.quality).skew
+    verdict, middle_m = quality.verdict, test["mid_stroke_m"]
+    return RecordedPoint(
+        **point_fields(test), mid_stroke_m=middle_m if isinstance(middle_m, float) else None,
+        verdict=verdict.verdict, reasons=verdict.reasons, lost_samples=quality.lost_samples or 0,
+        skew_s=skew.value_s or 0.0, skew_std_s=skew.std_s or 0.0, sample_rate_Hz=file.sample_rate_hz, imported=True,
+        test=test, quality=quality, provenance=file.provenance,
+        arrays={"time": np.asarray(file.time_s), **{one.name: np.asarray(one.values) for one in file.channels}},
+    )
+
+
 def _names(parts: Sequence[TestPart]) -> list[str]:
     names: list[str] = []
     for part in parts:
@@ -208,7 +234,7 @@ def _names(parts: Sequence[TestPart]) -> list[str]:
 
 def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
     test = part.test
-    choices, times = test.choices, test.times
+    times = test.times
     period_s = float(np.median(np.diff(test.time_s)))
     velocity, method = velocity_of(test.time_s, test.displacement_m)
     assessment = assess(TestSamples(
@@ -219,8 +245,8 @@ def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
     measured = motion is not None or described.waveform == RANDOM
     amplitude_m, frequency_Hz = _size(test, motion) if measured else (0.0, 0.0)
     channels = [
-        AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", choices["displacement"].column),
-        AlignedChannel("force", test.force_N, "N", "Force", choices["force"].column),
+        AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", _source(test, "displacement")),
+        AlignedChannel("force", test.force_N, "N", "Force", _source(test, "force")),
         AlignedChannel("current", test.current_A, "A", _current_name(test), "current" if test.current_measured else ""),
         AlignedChannel(
             "velocity", velocity, "m/s", "Velocity from measured displacement", attributes={"method": method},
@@ -229,14 +255,14 @@ def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
     if test.commanded_A is not None:
         channels.append(AlignedChannel(
             "commanded_current", test.commanded_A, "A", "Commanded coil current",
-            choices["voltage" if "voltage" in choices else "commanded_current"].column,
+            _source(test, "voltage" if "voltage" in test.choices else "commanded_current"),
         ))
     low_degC = high_degC = None
     if test.temperature_degC is not None and np.any(np.isfinite(test.temperature_degC)):
         low_degC, high_degC = float(np.nanmin(test.temperature_degC)), float(np.nanmax(test.temperature_degC))
         channels.append(AlignedChannel(
             "coil_temperature", test.temperature_degC, "degC", "Temperature of the coil or body",
-            choices["temperature"].column,
+            _source(test, "temperature"),
         ))  # fmt: skip
     quality = PointQuality(
         verdict=assessment.verdict, lost_samples=assessment.lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
@@ -264,6 +290,11 @@ def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
         },
         title=f"Imported test {name}",
     )
+
+
+def _source(test: ImportedTest, quantity: str) -> str:
+    """The column of a quantity; of a table in memory the quantity itself."""
+    return test.choices[quantity].column if quantity in test.choices else quantity
 
 
 def _current_name(test: ImportedTest) -> str:

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.document.axes import draw_on
 from rig.errors import FileProblem
 from rig.recording.hdf5.reading import channel_names, read_channel, read_description, read_raw
 from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality, time_quality
+from rig.recording.views import CHANNELS, TABLE_UNITS, Over, loops_figure, point_dataset, time_figure
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import measured_motion
 from rig.signals.derivatives import velocity_of
@@ -28,23 +30,13 @@ from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
+
+__all__ = ["CHANNELS", "MOTION_MEASURED", "TABLE_UNITS", "ForceSamples", "RecordedPoint"]
 
 MOTION_MEASURED = "motion_measured"
 """In `test` of a point made from a table: its amplitude and frequency were measured, not requested."""
-#: Attribute of `RecordedPoint` -> dataset under `/entry/data`.
-CHANNELS = {
-    "time_s": "time",
-    "displacement_m": "displacement",
-    "velocity_m_s": "velocity",
-    "force_N": "force",
-    "current_measured_A": "current",
-    "coil_temperature_degC": "coil_temperature",
-}
-TABLE_UNITS = {
-    "displacement": "m", "velocity": "m/s", "force": "N", "current": "A", "commanded_current": "A",
-    "coil_temperature": "degC",
-}  # fmt: skip
-"""Units of the columns of `RecordedPoint.to_pandas`, which are in its attribute `units`."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +48,7 @@ class ForceSamples:
     flags: NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RecordedPoint(TestPoint):
     """A test point and what was recorded of it. Arrays (n,) float64 with NaN where nothing is.
 
@@ -316,6 +308,60 @@ class RecordedPoint(TestPoint):
         table = pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
         table.attrs["units"] = {name: unit for name, unit in TABLE_UNITS.items() if name in columns}
         return table
+
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The channels as an xarray `Dataset` over `time_s`, named as in the CSV export, each with its `units`.
+
+        Raises:
+            FileProblem: xarray is not installed, or the file cannot be read.
+        """
+        return point_dataset(self)
+
+    def plot_loops(self, ax: Axes | None = None, *, over: Over = "velocity") -> Axes:
+        """Draw the force over the velocity (m/s) or the displacement (mm).
+
+        Args:
+            ax: matplotlib axes to draw on; None: new ones.
+            over: `velocity` or `displacement`.
+
+        Returns:
+            The axes.
+
+        Raises:
+            RigError: matplotlib is not installed, or the file cannot be read.
+        """
+        return draw_on(loops_figure([self], over), ax)
+
+    def plot_time(self, channel: str = "force", ax: Axes | None = None) -> Axes:
+        """Draw a channel over time (s).
+
+        Args:
+            channel: `force` (N), `displacement` (mm), `velocity` (m/s), `current` (A), `commanded_current` (A) or
+                `coil_temperature` (degC).
+            ax: matplotlib axes to draw on; None: new ones.
+
+        Returns:
+            The axes.
+
+        Raises:
+            FileProblem: the point has no such channel.
+            RigError: matplotlib is not installed.
+        """
+        return draw_on(time_figure(self, channel), ax)
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return self.samples
+
+    def __bool__(self) -> bool:
+        """Also a point without samples is one."""
+        return True
+
+    def __repr__(self) -> str:
+        """One line: id, motion, current, verdict."""
+        motion = f"{1e3 * self.amplitude_m:.4g} mm, {self.frequency_Hz:.4g} Hz, {self.current_A:.3g} A"
+        return f"RecordedPoint({self.id!r}, {self.waveform}, {motion}, {self.verdict})"
 
 
 def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:

@@ -5,30 +5,39 @@ A filter such as `waveform=triangle,current_A=1` means that every condition must
 
 from __future__ import annotations
 
+import html
 import math
+import operator
+import os
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
-from protocols.near_miss import near_names
+from protocols.near_miss import meant, near_names
 from rig.campaign_folder import CampaignFolder, run_path
 from rig.display import Display
-from rig.errors import DataWarning, FileProblem
+from rig.document.axes import draw_on
+from rig.errors import DataWarning, FileProblem, NoSuchEntry
 from rig.files.kept_display import kept_display
 from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.views import Over, loops_figure, run_dataset
 from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
 from rig.text_file import read_json
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
 
 TEXTS = ("id", "waveform", "verdict")
 MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
+MOST_IDS = 12
+"""Ids of points that a message lists."""
 EXACT = 1e-6
 """Relative difference of a number in a filter from a requested one that is only rounding."""
 
@@ -93,9 +102,12 @@ def _equal(point: object, name: str, required: str | float) -> bool:
     return math.isclose(value, required, rel_tol=NOMINAL_SHARE if measured else EXACT, abs_tol=1e-9)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
-    """A campaign's directory and its points in the order of their names.
+    """A campaign's directory and its points in the order of their names; of tests from elsewhere, their points.
+
+    `len(run)`, `for point in run`, `run["p001"]`, `run[0]` and `run[:3]` (a run of three points) are those of a
+    sequence of points.
 
     `apart` are records of motions out of tolerance, after which the point was run again: originals that no fit uses.
     `unreadable` has one line for each file of a point that is damaged: the others are used without it.
@@ -106,6 +118,95 @@ class Run:
     campaign: Mapping[str, Any] = field(default_factory=dict, repr=False)
     apart: tuple[RecordedPoint, ...] = ()
     unreadable: tuple[str, ...] = ()
+
+    NOWHERE: ClassVar[Path] = Path(os.devnull)
+    """The folder of points that were made in memory."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __bool__(self) -> bool:
+        """Also a run without points is one."""
+        return True
+
+    def __iter__(self) -> Iterator[RecordedPoint]:
+        return iter(self.points)
+
+    def __contains__(self, one: object) -> bool:
+        """Whether a point, or a point of that id, is in the run."""
+        return any(point is one or point.id == one for point in self.points)
+
+    @overload
+    def __getitem__(self, place: str | int) -> RecordedPoint: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Run: ...
+
+    def __getitem__(self, place: str | int | slice) -> RecordedPoint | Run:
+        """A point by its id or its place from 0, or a run of some of the points by a slice of places.
+
+        Raises:
+            NoSuchEntry: there is no such point.
+        """
+        if isinstance(place, slice):
+            return replace(self, points=self.points[place], apart=(), unreadable=())
+        if isinstance(place, str):
+            named = [point for point in self.points if point.id == place]
+            if len(named) == 1:
+                return named[0]
+            if named:
+                raise NoSuchEntry(f"run: {len(named)} points have the id {place!r}. Fix: use a number, such as run[0]")
+            known = [point.id for point in self.points]
+            shown = known if near_names(place, known) else known[:MOST_IDS]
+            raise NoSuchEntry(f"run: got the point {place!r}; {meant(place, shown)}")
+        try:
+            return self.points[operator.index(place)]
+        except IndexError:
+            count = len(self.points)
+            raise NoSuchEntry(f"run: got the place {place}, expected {-count} to {count - 1}") from None
+        except TypeError:
+            raise NoSuchEntry(
+                f"run: got {place!r:.60}, expected the id of a point, its place, or a slice such as run[:3]"
+            ) from None
+
+    def __repr__(self) -> str:
+        """One line: folder, number of points, and how many of them are not valid."""
+        where = "in memory" if self.path == self.NOWHERE else repr(str(self.path))
+        others = len(self.points) - len(self.valid)
+        return f"Run({where}, {len(self.points)} points{f', {others} of them not valid' if others else ''})"
+
+    def _repr_html_(self) -> str:
+        """The table of the points, for notebooks."""
+        return f"<p>{html.escape(repr(self))}</p>{self.to_pandas().drop(columns='path').to_html(index=False)}"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """All points as one xarray `Dataset`, for selection by name: `data.force_N.sel(point="p001")`.
+
+        Returns:
+            Dimensions `point` (the ids) and `sample`; variables as in the CSV export (`time_s`, `displacement_m`,
+            `velocity_m_s`, `force_N`, `current_measured_A`, ...), each (point, sample) with its `units`, NaN behind
+            the end of shorter points and where nothing was recorded; coordinates over `point`: `waveform`,
+            `amplitude_m`, `frequency_Hz`, `current_A`, `verdict`.
+
+        Raises:
+            FileProblem: xarray is not installed, or a file cannot be read.
+        """
+        return run_dataset(self.points)
+
+    def plot_loops(self, ax: Axes | None = None, *, over: Over = "velocity") -> Axes:
+        """Draw the force of all points, coloured by current.
+
+        Args:
+            ax: matplotlib axes to draw on; None: new ones.
+            over: `velocity` (m/s) or `displacement` (mm).
+
+        Returns:
+            The axes.
+
+        Raises:
+            RigError: matplotlib is not installed.
+        """
+        return draw_on(loops_figure(self.points, over), ax)
 
     @classmethod
     def open(cls, path: Path | str) -> Run:

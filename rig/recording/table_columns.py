@@ -13,23 +13,15 @@ from rig.errors import DataWarning, FileProblem
 from rig.recording.external_tests import LARGEST, implausible, uniform_times, without_no_value
 from rig.recording.file_formats.csv_dialect import is_stamp
 from rig.recording.file_formats.file_units import named_unit, units_for
+from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity
 from rig.recording.file_formats.text_cells import numbers_of_cells, seconds_of_stamps
 from rig.signals.arrays import FloatArray
 from rig.signals.sample_times import SampleTimes
-from rig.units import DIMENSIONS, Unit, key_suffixes
+from rig.units import DIMENSIONS, Unit
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SECONDS = {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
-NAMES = {f"{stem}{end}": scale for stem in ("time", "t") for end, scale in SECONDS.items()}
-"""Names of a time (lower case) -> seconds per unit."""
-STEMS = {
-    "displacement": ("displacement", "length"), "force": ("force", "force"), "velocity": ("velocity", "speed"),
-    "current_measured": ("current", "current"), "commanded_current": ("commanded_current", "current"),
-    "current": ("current", "current"), "coil_temperature": ("coil_temperature", "temperature"),
-}  # fmt: skip
-"""Beginning of a column's name -> channel of the point, and what it measures."""
 DATES = frozenset(("time", "t", "date", "datetime", "timestamp"))
 """Beginnings of the names of columns of dates."""
 SAME_TIME_s = 1e-6
@@ -47,22 +39,18 @@ class TableUnits:
     attribute: Mapping[str, str]
     assumed: dict[str, str] = field(default_factory=dict)
 
-    def of(self, column: str, quantity: str, dimension: str, suffix: str) -> Unit:
+    def of(self, column: str, named: NamedQuantity) -> Unit:
         """The unit of a column.
 
         Args:
             column: its name.
-            quantity: the channel that it is.
-            dimension: what that measures.
-            suffix: what follows the quantity in the column's name; empty: nothing.
+            named: the quantity and the unit in that name.
 
         Raises:
             ValueError: unknown, of another dimension, or contradicting the name.
         """
-        text = self.stated.get(column, self.stated.get(quantity, self.attribute.get(column)))
-        by_name = {**units_for(dimension), **{
-            end: units_for(dimension)[name] for end, name in key_suffixes(dimension).items()
-        }}.get(suffix)  # fmt: skip
+        dimension, by_name = named.dimension, named.unit
+        text = self.stated.get(column, self.stated.get(named.channel, self.attribute.get(column)))
         if text is None:
             if by_name is None:
                 self.assumed[column] = DIMENSIONS[dimension].si
@@ -72,7 +60,7 @@ class TableUnits:
             known = ", ".join(units_for(dimension))
             raise ValueError(f"column {column!r}: {text!r} is not a unit of {dimension}; known units: {known}")
         if by_name is not None and by_name != unit[1]:
-            raise ValueError(f"column {column!r}: the name states {suffix}, but the stated unit is {text}")
+            raise ValueError(f"column {column!r}: the name states {named.suffix}, but the stated unit is {text}")
         return unit[1]
 
 
@@ -109,7 +97,7 @@ def table_channels(
     problems = []
     for column in table:
         name = str(column)
-        if name == time_column or name.lower() in NAMES:
+        if name == time_column or name.lower() in TIMES:
             continue
         try:
             quantity, values = _channel(table[column], name, known)
@@ -167,24 +155,21 @@ def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, Floa
     Raises:
         ValueError: its unit does not fit, or it must be numbers and is not.
     """
-    quantity, dimension, suffix = name, "", ""
-    for stem, (channel, measured) in STEMS.items():
-        rest = name[len(stem) :]
-        if name.startswith(stem) and (not rest or (rest[0] == "_" and _is_unit(rest[1:], measured))):
-            quantity, dimension, suffix = channel, measured, rest[1:]
-            break
+    stated = named_quantity(name)
+    quantity = name if stated is None else stated.channel
     try:
         values = _numbers(column)
     except (ValueError, TypeError) as error:
-        if not dimension:
+        if stated is None:
+            warnings.warn(f"column {name!r} contains text and is left out", DataWarning, stacklevel=4)
             return quantity, None
         raise ValueError(f"column {name!r} must contain numbers: {error}") from error
     values, notes = without_no_value(values, None)
     for note in notes:
         warnings.warn(f"column {name!r}: {note}", DataWarning, stacklevel=4)
-    if not dimension:
+    if stated is None:
         return quantity, values
-    unit = known.of(name, quantity, dimension, suffix)
+    unit = known.of(name, stated)
     return quantity, np.asarray(values * unit.scale + unit.offset, np.float64)
 
 
@@ -196,10 +181,6 @@ def _numbers(column: Any) -> FloatArray:  # noqa: ANN401 - an index or a series
         TypeError: likewise.
     """
     return np.asarray(column.to_numpy(np.float64) if column.dtype.kind in "biuf" else numbers_of_cells(column))
-
-
-def _is_unit(text: str, dimension: str) -> bool:
-    return text in key_suffixes(dimension) or text in units_for(dimension)
 
 
 def table_time(
@@ -261,9 +242,9 @@ def _kind_of_time(source: Any, column: str | None, known: TableUnits) -> str:  #
     if dates or _is_stamps(source):
         return "certain" if column is None or name.split("_")[0] in DATES else ""
     stated = _stated_unit(source, known) is not None
-    if name in NAMES and (stated or "_" in name):
+    if name in TIMES and (stated or "_" in name):
         return "certain"
-    if name not in NAMES and not (column is None and not name and source.dtype.kind == "f"):
+    if name not in TIMES and not (column is None and not name and source.dtype.kind == "f"):
         return ""
     if source.dtype.kind not in "iuf":
         return "bare" if column is not None else ""
@@ -312,7 +293,7 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
     if _is_stamps(source):
         return _of_stamps(source, where)
     name, stated = str(source.name).lower(), _stated_unit(source, known)
-    scale = NAMES.get(name, 1.0)
+    scale = TIMES.get(name, 1.0)
     if stated is not None:
         unit = named_unit(str(stated), "time")
         if unit is None or ("_" in name and unit[1].scale != scale):

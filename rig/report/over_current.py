@@ -61,7 +61,7 @@ def _affine(fit: FitRecord, model: DamperModel, current_A: FloatArray) -> dict[s
         columns = np.array([current_A**power for _, power in members])
         line = np.array([values[name] for name, _ in members]) @ columns
         traces = [Trace(current_A, line, name=base)]
-        covariance = fit.covariance([name for name, _ in members])
+        covariance = fit.covariance_of([name for name, _ in members])
         if covariance is not None:
             half = CONFIDENCE * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", columns, covariance, columns), 0.0))
             least = 0.0 if base in model.non_negative else -math.inf

@@ -1,19 +1,23 @@
-"""The recipes of the how-to on using a fit run as they stand."""
+"""The recipes of the pages on using a fit, and the sessions of the Python pages, run as they stand."""
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 
 from rig.dampers import model
 from rig.identification import Measurement, identify
 from rig.identification.runs import write_fit
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-a-fitted-model.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "how-to" / "use-a-fitted-model.md"
 
 
 RATE_Hz = 250.0
@@ -50,3 +54,24 @@ def test_every_recipe_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert list(names["answer"]["attainable"]) == [True, False]
     assert names["motion"].shape[0] == 1000
     assert names["command"].attainable
+
+
+@pytest.mark.parametrize("page", ["python.md", "how-to/come-from-lmfit-or-matlab.md"])
+def test_the_session_of_a_python_page_runs(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mpl.use("Agg")
+    monkeypatch.chdir(tmp_path)
+    Path("tests").mkdir()
+    for test in sines():
+        pd.DataFrame({  # six cycles
+            "time_s": 0.002 * np.arange(2 * test.u_m.size), "displacement_mm": 1e3 * np.tile(test.u_m, 2),
+            "force_N": np.tile(test.force_N, 2), "current_A": np.tile(test.current_A, 2),
+        }).to_csv(f"tests/{test.id}.csv", index=False)  # fmt: skip
+    (session,) = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(session, names)
+    assert "beta" in capsys.readouterr().out
+    assert Path("fit.json").is_file()
+    assert len(names["run"]) == 9
+    sys.modules["matplotlib.pyplot"].close("all")

@@ -27,11 +27,10 @@ def test_no_other_module_makes_a_path_of_such_a_name() -> None:
     assert found == []
 
 
-def test_files_of_further_sessions_and_earlier_fits_have_names_of_their_own(tmp_path: Path) -> None:
+def test_files_of_further_sessions_have_names_of_their_own(tmp_path: Path) -> None:
     folder = CampaignFolder(tmp_path)
     assert folder.session_bench(2) == tmp_path / "bench-session2.toml"
     assert folder.session_truth(1) == tmp_path / "truth-session1.h5"
-    assert folder.earlier_fit("20260102T030405Z-2") == tmp_path / "fit-20260102T030405Z-2.json"
 
 
 def test_points_are_written_into_a_real_folder_only(tmp_path: Path) -> None:

@@ -6,13 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.document.figure import Axis, Figure, Panels, Style, Trace
+from rig.document.figure import Axis, Figure, Panels, Style, Trace, thinned
 from rig.document.plot import Plot
 from rig.document.style import current_colour
 from rig.errors import IdentificationFailed
 from rig.identification.application.law import Law
+from rig.identification.application.residuals import NO_TESTS, residual_table
 from rig.identification.models.measurement import Measurement, first_cycle
 
+MOST_RESIDUALS = 20_000
+"""Points of a figure."""
 WIDTH, HEIGHT = 480, 340
 MOST_NAMED = 12
 """Tests that a legend still lists."""
@@ -25,7 +28,7 @@ def loops(law: Law, tests: Sequence[Measurement]) -> Plot:
         IdentificationFailed: there is no test to draw.
     """
     if not tests:
-        raise IdentificationFailed("no loops to draw: the fit contains neither tests nor references to recordings")
+        raise IdentificationFailed(f"no loops to draw: {NO_TESTS}")
     currents = [float(np.mean(test.current_A)) for test in tests]
     levels = sorted(set(currents))
     over_u, over_v = list[Trace](), list[Trace]()
@@ -39,3 +42,22 @@ def loops(law: Law, tests: Sequence[Measurement]) -> Plot:
         Figure(Axis("Displacement about mid-stroke", "mm"), force, over_u, WIDTH, HEIGHT),
         Figure(Axis("Velocity", "m/s"), force, over_v, WIDTH, HEIGHT, legend=legend),
     ), title=f"{law.model.name}: measured (lines), modelled (dashed)"))  # fmt: skip
+
+
+def residuals(law: Law, tests: Sequence[Measurement], over: tuple[Axis, float]) -> Figure:
+    """Measured minus modelled force (N) over velocity or displacement, as points.
+
+    Args:
+        law: the fitted model.
+        tests: any number of them, at least one.
+        over: horizontal axis, and its units for one of SI.
+
+    Raises:
+        IdentificationFailed: there is no test to draw.
+    """
+    axis, scale = over
+    table = residual_table(law, tests)
+    along = table["velocity_m_s" if axis.unit == "m/s" else "displacement_m"].to_numpy()
+    few = thinned(len(table), MOST_RESIDUALS)
+    drawn = Trace(scale * along[few], table["residual_N"].to_numpy()[few], Style.POINTS)
+    return Figure(axis, Axis("Measured minus modelled force", "N"), [drawn], title=f"{law.model.name}: residuals")

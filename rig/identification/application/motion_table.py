@@ -10,21 +10,26 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
+from rig.recording.file_formats.file_units import named_unit, units_for
+from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity
+from rig.recording.recorded_point import RecordedPoint
 
 if TYPE_CHECKING:
     import pandas as pd
+    from numpy.typing import ArrayLike
 
-    Table = pd.DataFrame | Mapping[str, Any]
+    Table = pd.DataFrame | Mapping[str, Any] | RecordedPoint | ArrayLike
 
-#: Quantity -> names of its column: with its unit, then as recorded files call it.
 COLUMNS = {
-    "time_s": ("time_s", "time"),
-    "displacement_m": ("displacement_m", "displacement"),
-    "velocity_m_s": ("velocity_m_s", "velocity"),
-    "acceleration_m_s2": ("acceleration_m_s2", "acceleration"),
-    "current_A": ("current_A", "current"),
-    "temperature_degC": ("temperature_degC", "coil_temperature"),
-}
+    "time": "time_s", "displacement": "displacement_m", "velocity": "velocity_m_s",
+    "acceleration": "acceleration_m_s2", "current": "current_A", "coil_temperature": "temperature_degC",
+}  # fmt: skip
+"""Quantity as recorded files call it -> its name in SI. A column has either name, one of our exports, or its quantity
+with another unit (`displacement_mm`)."""
+STEMS = {"acceleration": ("acceleration", "acceleration"), "temperature": ("coil_temperature", "temperature")}
+"""Names of columns besides those of recordings."""
+POSITIONAL = ("displacement_m", "velocity_m_s", "current_A")
+"""Columns of a plain array."""
 UNEVEN = 0.1  # share by which an interval may differ from the mean one
 
 
@@ -59,7 +64,7 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
     Args:
         table: columns as in `COLUMNS`; the time may be the index if that is called so. `displacement_m` and `current_A`
             are needed; velocity is differentiated from displacement where it is missing, acceleration from velocity (0
-            without a time).
+            without a time). A recorded point is the table of its channels; of an array the columns are `POSITIONAL`.
         mid_stroke_m: the displacement at mid-stroke (m).
         needs_time: why the time is needed; empty where it is not.
         also: further columns of the table that must hold numbers.
@@ -67,16 +72,14 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
     Raises:
         FileProblem: what is missing, there twice, no numbers, or of another length; all of it.
     """
-    import pandas as pd
-
-    frame = table if isinstance(table, pd.DataFrame) else _frame(table)
-    problems = _twice(frame, also)
-    arrays = {name: _column(frame, name, problems) for name in COLUMNS}
+    frame, problems = _in_si(_frame(table), also)
+    arrays = {name: _column(frame, name, problems) for name in COLUMNS.values()}
     for name in also:
         _numbers(frame, name, problems)
     time_s = arrays["time_s"]
-    if str(frame.index.name) in COLUMNS["time_s"]:
-        index_s = np.asarray(frame.index, dtype=float)
+    scale = TIMES.get(str(frame.index.name).casefold())
+    if scale is not None:
+        index_s = scale * np.asarray(frame.index, dtype=float)
         if time_s is not None and not np.array_equal(time_s, index_s):
             problems.append(
                 "time: the index and the column have different values, expected only one of them. Fix: remove one"
@@ -84,11 +87,11 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
         time_s = index_s if time_s is None else time_s
     dt_s = _interval_s(time_s, problems)
     for name in ("displacement_m", "current_A"):
-        if arrays[name] is None and not _named(frame, name):
+        if arrays[name] is None and name not in frame:
             problems.append(f"column `{name}`: missing; got columns {', '.join(map(str, frame.columns)) or 'none'}")
     if time_s is None and needs_time:
         problems.append(f"column `time_s` (s): missing, and {needs_time}")
-    elif time_s is None and not _named(frame, "velocity_m_s"):
+    elif time_s is None and "velocity_m_s" not in frame:
         problems.append(
             "column `velocity_m_s`: missing. Fix: add this column, or add `time_s` so that the displacement can be "
             "differentiated"
@@ -106,14 +109,68 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
     return Motion(frame.index, time_s, dt_s, u_m, v_m_s, a_m_s2, current_A, arrays["temperature_degC"])
 
 
-def _frame(table: Mapping[str, Any]) -> pd.DataFrame:
-    """Columns of equal length, numbers repeated.
+def table_of(table: Table | None, given: Mapping[str, ArrayLike | None]) -> tuple[Table, float]:
+    """The table that a call of `predict` means, and the mid-stroke (m) that it states.
+
+    Args:
+        table: of any kind; with columns in `given`, a plain array is the displacement (m); None: `given` alone.
+        given: columns by their names in SI; None: not given.
 
     Raises:
-        FileProblem: arrays of different lengths.
+        FileProblem: a table and columns are both given.
+    """
+    columns = {name: values for name, values in given.items() if values is not None}
+    if table is None:
+        return columns, 0.0
+    if isinstance(table, RecordedPoint):
+        if columns:
+            raise FileProblem("predict", [_both(columns)])
+        return _table_of_point(table)
+    if not columns:
+        return table, 0.0
+    if hasattr(table, "columns") or isinstance(table, Mapping) or "displacement_m" in columns:
+        raise FileProblem("predict", [_both(columns)])
+    return {"displacement_m": table, **columns}, 0.0
+
+
+def _both(columns: Mapping[str, object]) -> str:
+    return (
+        f"got a table and the arguments {', '.join(columns)}, expected either of them. Fix: add these columns to the "
+        "table, or pass every quantity as an argument"
+    )
+
+
+def _table_of_point(point: RecordedPoint) -> tuple[Table, float]:
+    """The channels of a point, the current that it was run at where none was measured, and its mid-stroke (m)."""
+    table = point.to_pandas()
+    if "current" not in table or not np.isfinite(table["current"]).any():
+        table["current"] = table.get("commanded_current", point.current_A)
+    middle_m = float(np.nanmean(point.displacement_m)) if point.mid_stroke_m is None else point.mid_stroke_m
+    return table, middle_m
+
+
+def _frame(table: Table) -> pd.DataFrame:
+    """A table of any kind as one of pandas: numbers in a mapping repeated, columns of an array by `POSITIONAL`.
+
+    Raises:
+        FileProblem: arrays of different lengths or shapes, or no table.
     """
     import pandas as pd
 
+    if isinstance(table, pd.DataFrame):
+        return table
+    if isinstance(table, RecordedPoint):
+        return table.to_pandas()
+    if isinstance(table, np.ndarray) and table.dtype.names is not None:
+        return pd.DataFrame({name: table[name] for name in table.dtype.names})
+    if not isinstance(table, Mapping):
+        values = np.asarray(table)
+        if values.ndim != 2 or values.shape[1] != len(POSITIONAL) or values.dtype.kind not in "biuf":
+            raise FileProblem("the table", [
+                f"got {type(table).__name__} of shape {values.shape}, expected a DataFrame, a mapping of columns, or "
+                f"an array of shape (n, {len(POSITIONAL)}) with the columns {', '.join(POSITIONAL)}"
+            ])  # fmt: skip
+        return pd.DataFrame(values, columns=list(POSITIONAL))
     sizes = {str(name): np.atleast_1d(np.asarray(values)).shape for name, values in table.items() if values is not None}
     longest = max((shape[0] for shape in sizes.values()), default=0)
     if wrong := [f"`{name}`: got shape {shape}, expected ({longest},)" for name, shape in sizes.items()
@@ -122,26 +179,71 @@ def _frame(table: Mapping[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({name: np.broadcast_to(np.atleast_1d(np.asarray(table[name])), (longest,)) for name in sizes})
 
 
-def _twice(frame: pd.DataFrame, also: Sequence[str]) -> list[str]:
-    """Quantities that several columns contain, so that the intended one is unknown."""
-    problems = []
-    for names in (*COLUMNS.values(), *((name,) for name in also)):
-        given = [str(column) for column in frame.columns if column in names]
-        if len(given) > 1:
-            problems.append(
-                f"columns {' and '.join(f'`{name}`' for name in given)}: both contain the same quantity. Fix: "
-                "remove one"
-            )
-    return problems
+def _in_si(frame: pd.DataFrame, also: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
+    """The table with its quantities in SI, called as in `COLUMNS`, and what is wrong with its columns.
+
+    A unit is that of the column's name or of the table's attribute `units`; a name without any is in SI.
+    """
+    stated = frame.attrs.get("units", {})
+    sources: dict[str, list[str]] = {}
+    problems: list[str] = []
+    columns: dict[str, Any] = {}
+    for place, name in enumerate(map(str, frame.columns)):
+        quantity = named_quantity(name, STEMS)
+        seconds = TIMES.get(name.casefold())
+        target = "time_s" if seconds is not None else None if quantity is None else COLUMNS.get(quantity.channel)
+        if target is None or name in also:
+            sources.setdefault(name, []).append(name)
+            columns.setdefault(name, frame.iloc[:, place])
+            continue
+        sources.setdefault(target, []).append(name)
+        if target in columns:
+            continue
+        columns[target] = frame.iloc[:, place]
+        text = stated.get(name) if isinstance(stated, Mapping) else None
+        try:
+            scale, offset = _unit_of(name, None if text is None else str(text), quantity, seconds)
+            if (scale, offset) != (1.0, 0.0):
+                columns[target] = columns[target] * scale + offset
+        except (ValueError, TypeError) as error:
+            problems.append(f"column `{name}`: {error}")
+    twice = [
+        f"columns {' and '.join(f'`{name}`' for name in names)}: both contain the same quantity. Fix: remove one"
+        for target, names in sources.items() if len(names) > 1 and (target in COLUMNS.values() or target in also)
+    ]
+    converted = _with_index(columns, frame)
+    return converted, [*twice, *problems]
 
 
-def _named(frame: pd.DataFrame, name: str) -> str | None:
-    return next((column for column in COLUMNS[name] if column in frame), None)
+def _with_index(columns: Mapping[str, Any], like: pd.DataFrame) -> pd.DataFrame:
+    """Columns with the index of a table."""
+    import pandas as pd
+
+    return pd.DataFrame(columns, index=like.index)
+
+
+def _unit_of(name: str, text: str | None, found: NamedQuantity | None, seconds: float | None) -> tuple[float, float]:
+    """Scale and offset of a column to SI.
+
+    Raises:
+        ValueError: the stated unit is not one of the quantity, or contradicts the name.
+    """
+    by_name = None if found is None else found.unit
+    scale, offset = (seconds or 1.0, 0.0) if by_name is None else (by_name.scale, by_name.offset)
+    if text is None:
+        return scale, offset
+    dimension = "time" if found is None else found.dimension
+    unit = named_unit(text, dimension)
+    if unit is None:
+        raise ValueError(f"the table states the unit {text!r}, expected one of {', '.join(units_for(dimension))}")
+    own = by_name is not None or (found is None and "_" in name)
+    if own and (unit[1].scale, unit[1].offset) != (scale, offset):
+        raise ValueError(f"the name and the stated unit {text!r} contradict each other")
+    return unit[1].scale, unit[1].offset
 
 
 def _column(frame: pd.DataFrame, name: str, problems: list[str]) -> FloatArray | None:
-    column = _named(frame, name)
-    return None if column is None else _numbers(frame, column, problems, empty=name == "temperature_degC")
+    return _numbers(frame, name, problems, empty=name == "temperature_degC") if name in frame else None
 
 
 def _numbers(frame: pd.DataFrame, column: str, problems: list[str], *, empty: bool = False) -> FloatArray | None:

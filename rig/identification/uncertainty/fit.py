@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,31 +14,48 @@ from numpy.typing import ArrayLike
 
 from rig.campaign_folder import CampaignFolder
 from rig.dampers.arrays import FloatArray
+from rig.document.axes import draw_on
 from rig.errors import IdentificationFailed
 from rig.fits.fit_record import FitRecord
 from rig.fits.plain import APART
+from rig.fits.summary import summary, summary_html
 from rig.identification.application.law import Law
+from rig.identification.application.residuals import residual_table
+from rig.identification.application.saving import saved
 from rig.identification.models.measurement import Measurement
 from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.views import Over, axis_over
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
     from rig.document.plot import Plot
     from rig.identification.application.controller import Controller
     from rig.identification.application.motion_table import Table
+    from rig.recording.load_options import Source
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit(FitRecord):
-    """A model fitted to a run, and its use; see `FitRecord` for what it holds.
+    """A model fitted to tests, and its use; see `FitRecord` for what it holds.
+
+    `print(fit)` is a summary; `fit["beta"]`, `fit.params` and `fit.covariance` are the parameters; `fit.save(path)`
+    and `rig.load_fit(path)` keep it; `fit.predict`, `fit.simulate` and `fit.inverse` use it; `fit.plot_loops()` draws.
 
     Attributes:
         tests: one cycle of each fitted test, for figures; empty in a loaded fit.
     """
 
     tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False, metadata=APART)
+
+    def __str__(self) -> str:
+        """At most 40 lines of 80 columns: verdict, errors, parameters with intervals, tested range, warnings."""
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        return summary_html(self)
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -95,29 +114,88 @@ class Fit(FitRecord):
             row["beyond"] = " ".join(row["beyond"] or ())
         return pd.DataFrame(rows).set_index("id")
 
-    def predict(self, table: Table, *, mid_stroke_m: float = 0.0, band: bool = False) -> pd.DataFrame:
+    def save(self, path: Path | str) -> Path:
+        """Write the fit as JSON ([keys](docs/json.md)), whole or not at all; `rig.load_fit` reads it.
+
+        Args:
+            path: the file, `fit.json` by convention, or a folder for a file of that name. An older fit at that place
+                keeps its content under the name `fit-<time of its writing>.json`.
+
+        Returns:
+            The file's path.
+
+        Raises:
+            FileProblem: there is something else at that place, or the file cannot be written.
+        """
+        return saved(self.text, Path(path))[0]
+
+    @property
+    def text(self) -> str:
+        """What `save` writes."""
+        return json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n"
+
+    def export(self, format: str, folder: Path | str) -> list[Path]:
+        """Write the fitted model for another program.
+
+        Args:
+            format: `c`, `fmi`, `modelica`, `matlab`, `octave`, `simulink`, `python`, `table`, `inverse`, `json`, or
+                that of a plug-in.
+            folder: for the files; created where it does not exist.
+
+        Returns:
+            The files.
+
+        Raises:
+            RigError: there is no such format, or the fit cannot be written in it; the message states the reason.
+        """
+        # `rig.export` is above this room and is found by its name, as the corrections are.
+        written: list[Path] = import_module("rig.export.exporter").export(self, format, folder)
+        return written
+
+    def predict(
+        self, table: Table | None = None, velocity_m_s: ArrayLike | None = None, current_A: ArrayLike | None = None, *,
+        displacement_m: ArrayLike | None = None, time_s: ArrayLike | None = None,
+        acceleration_m_s2: ArrayLike | None = None, temperature_degC: ArrayLike | None = None,
+        mid_stroke_m: float | None = None, band: bool = False,
+    ) -> pd.DataFrame:
         """Force for rows of motion and coil current.
 
         Args:
-            table: columns `displacement_m`, `current_A` (the coil's own), `velocity_m_s` or `time_s`, and where there
-                are `acceleration_m_s2` and `temperature_degC`; a recorded point's `to_pandas()` is such a table.
-            mid_stroke_m: displacement (m) at the damper's mid-stroke.
+            table: a table (a DataFrame or a mapping) with the columns `displacement_m`, `current_A` (the coil's own),
+                `velocity_m_s` or `time_s`, and where there are `acceleration_m_s2` and `temperature_degC`; columns with
+                other units in their names (`displacement_mm`) are converted. Or a recorded point. Or an array of shape
+                (n, 3): displacement (m), velocity (m/s), current (A). Or the displacement (m), shape (n,), followed by
+                the velocity and the current: `predict(u, v, i)`.
+            velocity_m_s: velocity (m/s), shape (n,) or one number.
+            current_A: coil current (A), shape (n,) or one number.
+            displacement_m: displacement (m), shape (n,) or one number, in place of a table.
+            time_s: evenly spaced times (s), shape (n,).
+            acceleration_m_s2: acceleration (m/s^2), shape (n,) or one number.
+            temperature_degC: temperature (degC), shape (n,) or one number.
+            mid_stroke_m: displacement (m) at the damper's mid-stroke; None: 0, or of a recorded point its own.
             band: add what the parameters' uncertainty does to the force, by the fit's bootstrap, or without one by
                 their covariance: `model_low_N`, `model_high_N` (95 %), and `low_N`, `high_N` widened by it.
 
         Returns:
-            `force_N`, `low_N`, `high_N` (95 % of the tests' samples lay so near), `extrapolates` and `beyond` (in which
-            quantities a row lies beyond the fitted tests), with the table's index.
+            `force_N` (N), `low_N`, `high_N` (95 % of the tests' samples lay so near), `extrapolates` and `beyond` (in
+            which quantities a row lies beyond the fitted tests), with the table's index.
 
         Raises:
             FileProblem: the table cannot be used; everything that is wrong with it.
             IdentificationFailed: the fit has no value of a parameter, or a band is wanted and it tells no covariance.
         """
-        if band:
-            return self.predict_among(*known_draws(self), table, mid_stroke_m=mid_stroke_m)
+        from rig.identification.application.motion_table import table_of  # loads pandas or the compiled loops
         from rig.identification.application.prediction import predict  # loads pandas or the compiled loops
 
-        return predict(self.law, self.tested, table, mid_stroke_m)
+        given = {
+            "time_s": time_s, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s,
+            "acceleration_m_s2": acceleration_m_s2, "current_A": current_A, "temperature_degC": temperature_degC,
+        }  # fmt: skip
+        motion, own_m = table_of(table, given)
+        middle_m = own_m if mid_stroke_m is None else mid_stroke_m
+        if band:
+            return self.predict_among(*known_draws(self), motion, mid_stroke_m=middle_m)
+        return predict(self.law, self.tested, motion, middle_m)
 
     def predict_among(
         self, names: tuple[str, ...], draws: FloatArray, widening: float, table: Table, *, mid_stroke_m: float = 0.0
@@ -256,6 +334,89 @@ class Fit(FitRecord):
         from rig.identification.application.controller import Controller  # loads pandas or the compiled loops
 
         return Controller(self.law.at_reference(), self.tested, dt_s, limits_A, mid_stroke_m)
+
+
+    @property
+    def residuals(self) -> pd.DataFrame:
+        """Measured minus modelled force over one cycle of each fitted test, as `residuals_of` gives it.
+
+        Raises:
+            IdentificationFailed: the fit knows no test.
+            FileProblem: a test's file, which a loaded fit names, cannot be read.
+        """
+        return residual_table(self.behind_spring.law, self._shown_tests(None))
+
+    def residuals_of(self, tests: Source) -> pd.DataFrame:
+        """Measured minus modelled force over all evaluated cycles of any tests.
+
+        Args:
+            tests: a run, points, or what `rig.load` takes.
+
+        Returns:
+            One row a sample: `test`, `displacement_m` (about mid-stroke), `velocity_m_s`, `current_A`, `force_N`,
+            `model_N`, `residual_N` (N, measured minus modelled; NaN where the force was not measured).
+
+        Raises:
+            FileProblem: the tests cannot be read.
+            IdentificationFailed: none of them can be used.
+        """
+        return residual_table(self.behind_spring.law, _prepared(tests))
+
+    def plot_loops(self, ax: Axes | None = None, *, over: Over = "velocity", tests: Source | None = None) -> Axes:
+        """Draw measured (lines) and modelled (dashed) loops of the fitted tests, coloured by current.
+
+        Args:
+            ax: matplotlib axes to draw on; None: new ones.
+            over: `velocity` (m/s) or `displacement` (mm).
+            tests: other tests to draw, such as those of a validation: what `rig.load` takes.
+
+        Returns:
+            The axes.
+
+        Raises:
+            RigError: matplotlib is not installed, or there is nothing to draw.
+        """
+        from rig.identification.application.drawing import loops  # loads pandas or the compiled loops
+
+        axis_over(over)
+        drawn = loops(self.behind_spring.law, self._shown_tests(tests))
+        return draw_on(drawn.figures[1 if over == "velocity" else 0], ax)
+
+    def plot_residuals(
+        self, ax: Axes | None = None, *, over: Over = "velocity", tests: Source | None = None
+    ) -> Axes:
+        """Draw measured minus modelled force (N) over velocity (m/s) or displacement (mm); arguments as `plot_loops`.
+
+        Raises:
+            RigError: matplotlib is not installed, or there is nothing to draw.
+        """
+        from rig.identification.application.drawing import residuals  # loads pandas or the compiled loops
+
+        return draw_on(residuals(self.behind_spring.law, self._shown_tests(tests), axis_over(over)), ax)
+
+    def _shown_tests(self, tests: Source | None) -> list[Measurement]:
+        """The tests to show: those that are given, else a cycle of each fitted one."""
+        return _prepared(tests) if tests is not None else list(self.tests) or _tests_of_files(self)
+
+
+def load_fit(path: Path | str) -> Fit:
+    """A fit that was written: by `Fit.save`, `rig identify` or `identify_run`.
+
+    Args:
+        path: the file, or the folder of the campaign.
+
+    Raises:
+        FileProblem: there is no such file, or it is no fit; everything that is wrong with it.
+    """
+    return Fit.load(path)
+
+
+def _prepared(tests: Source) -> list[Measurement]:
+    """Tests from anywhere, ready to be compared with a model."""
+    from rig.identification.points.preparation import prepare_all  # reads recordings
+    from rig.recording.loading import load  # reads recordings
+
+    return prepare_all(point for point in load(tests) if point.verdict != "invalid")[0]
 
 
 class FitPlots:

@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path
 
 from rig.errors import FileProblem
+from rig.recording.file_formats.column_files import NETCDF, PARQUET, netcdf_file, parquet_file
 from rig.recording.file_formats.csv_file import CsvFile
 from rig.recording.file_formats.hdf5_file import Hdf5File, is_hdf5
 from rig.recording.file_formats.lvm_file import SIGNATURE as LVM
@@ -68,6 +69,10 @@ def _binary(file: Path, data: bytes) -> TableFile | None:
         return MatFile(file, data)
     if is_hdf5(data):
         return Hdf5File(file, data)
+    if data[:4] == PARQUET:
+        return parquet_file(file, data)
+    if data[:4] in NETCDF:
+        return netcdf_file(file, data)
     return Rpc3File(file, data) if is_rpc3(data) else None
 
 

@@ -7,11 +7,8 @@ from collections.abc import Iterator
 
 CSV = "save the file as CSV with the program that wrote it"
 BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
-    (b"PAR1", "a Parquet file", "pandas.read_parquet(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
     (b"ARROW1", "a Feather (Arrow) file", "pandas.read_feather(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
     (b"\x93NUMPY", "a NumPy array (.npy)", "numpy.savetxt('a.csv', numpy.load(FILE), delimiter=',')"),
-    (b"CDF\x01", "a NetCDF 3 file", "ncks -4 or xarray.open_dataset(FILE).to_netcdf('a.nc', engine='h5netcdf')"),
-    (b"CDF\x02", "a NetCDF 3 file", "ncks -4 or xarray.open_dataset(FILE).to_netcdf('a.nc', engine='h5netcdf')"),
     (b"SQLite format 3\0", "an SQLite database", "export the table of the test as CSV"),
     (b"%PDF", "a PDF document", "export the numerical data as CSV"),
     (b"\x1f\x8b", "a gzip archive", "unpack the file first (gunzip)"),

@@ -203,6 +203,7 @@ end Shaken;
     assert len(set(data["d.beyond"])) >= 4
 
 
+@pytest.mark.filterwarnings("ignore:fmi. the FMU contains:rig.errors.DataWarning")  # without mingw-w64
 def test_the_functional_mock_up_unit_says_at_every_step_what_lies_beyond(tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
     fit, file = fit_of("sprung_bouc_wen", tmp_path)

@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,10 +20,11 @@ import pytest
 from rig.dampers import model as damper_model
 from rig.dampers.catalogue import CATALOGUE
 from rig.dampers.model import DamperModel
-from rig.errors import EXIT_USAGE, FileProblem
+from rig.errors import EXIT_USAGE, DataWarning, FileProblem
 from rig.export import export
 from rig.fits.fit_file import FIX
 
+pytestmark = pytest.mark.filterwarnings("ignore:fmi. the FMU contains:rig.errors.DataWarning")  # without mingw-w64
 DT_S = 1e-3
 ENOUGH = {"low": None, "high": None, "standard_error": 2.0, "identifiable": True}
 NAMED = [f"{model.name}-{model.hysteresis}" for model in CATALOGUE]
@@ -360,6 +362,87 @@ def test_the_sources_compile_without_a_warning(tmp_path: Path) -> None:
     zipfile.ZipFile(unit_of(ASYMMETRIC, tmp_path)).extractall(tmp_path / "unit")
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
     subprocess.run([compiler, *strict, "fmu.c"], cwd=tmp_path / "unit/sources", check=True, timeout=60)
+
+
+CROSS = "x86_64-w64-mingw32-gcc"
+WINDOWS_MAIN = """#include <stdio.h>
+#include <windows.h>
+typedef void *C;
+typedef const char *S;
+int main(int argc, char **argv) {
+    HMODULE library = LoadLibraryA(argv[1]);
+    if (argc < 3 || !library) { return 2; }
+    C (*begin)(S, int, S, S, void *, int, int) = (void *)GetProcAddress(library, "fmi2Instantiate");
+    int (*set)(C, const unsigned *, size_t, const double *) = (void *)GetProcAddress(library, "fmi2SetReal");
+    int (*get)(C, const unsigned *, size_t, double *) = (void *)GetProcAddress(library, "fmi2GetReal");
+    int (*step)(C, double, double, int) = (void *)GetProcAddress(library, "fmi2DoStep");
+    int (*ready)(C) = (void *)GetProcAddress(library, "fmi2ExitInitializationMode");
+    void *callbacks[5] = {0};
+    const unsigned inputs[] = {0, 1, 2, 3}, force = 4;
+    double x[4], value, t = 0.0;
+    C unit = begin("one", 1, argv[2], "", callbacks, 0, 0);
+    if (!unit || ready(unit)) { return 3; }
+    while (scanf("%lf %lf %lf %lf", x, x + 1, x + 2, x + 3) == 4) {
+        if (set(unit, inputs, 4, x) || get(unit, &force, 1, &value) || step(unit, t, 1e-3, 1)) { return 4; }
+        printf("%.17g\\n", value);
+        t += 1e-3;
+    }
+    return 0;
+}
+"""
+
+
+def windows_library(folder: Path) -> tuple[Path, str]:
+    """The library for Windows in a unit, and the unit's GUID; skipped where there is no cross compiler."""
+    if shutil.which(CROSS) is None:
+        pytest.skip(f"{CROSS} (mingw-w64) is not installed")
+    zipfile.ZipFile(unit_of(ASYMMETRIC, folder)).extractall(folder / "unit")
+    guid = (folder / "unit/modelDescription.xml").read_text().split('guid="')[1].split('"')[0]
+    return folder / "unit/binaries/win64/damper_asymmetric.dll", guid
+
+
+def test_the_library_for_windows_has_the_functions_of_that_for_linux_and_needs_only_the_system(tmp_path: Path) -> None:
+    library, _ = windows_library(tmp_path)
+    dump = subprocess.run(
+        [tool("x86_64-w64-mingw32-objdump", "binutils"), "-p", library], capture_output=True, text=True, check=True
+    ).stdout
+    other = tmp_path / "unit/binaries/linux64/damper_asymmetric.so"
+    listed = subprocess.run(
+        [tool("nm", "binutils"), "-D", "--defined-only", other], capture_output=True, text=True, check=True
+    ).stdout
+    assert "pei-x86-64" in dump
+    assert set(re.findall(r"\bfmi2\w+", dump)) == set(re.findall(r"\bfmi2\w+", listed))
+    assert len(set(re.findall(r"\bfmi2\w+", dump))) == 34
+    assert {name.lower() for name in re.findall(r"DLL Name: (\S+)", dump)} == {"kernel32.dll", "msvcrt.dll"}
+
+
+@pytest.mark.nightly
+def test_the_library_for_windows_gives_the_force_under_wine(tmp_path: Path) -> None:
+    library, guid = windows_library(tmp_path)
+    wine = shutil.which("wine64") or shutil.which("wine") or "/usr/lib/wine/wine64"
+    if not Path(wine).is_file():
+        pytest.skip("wine is not installed")
+    (tmp_path / "main.c").write_text(WINDOWS_MAIN)
+    subprocess.run([CROSS, "-O1", "main.c", "-o", "main.exe"], cwd=tmp_path, check=True, timeout=120)
+    lines = "\n".join(" ".join(repr(float(x)) for x in row) for row in zip(*motion(), strict=True))
+    surroundings = {**os.environ, "WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "DISPLAY": ""}
+    reported = subprocess.run(
+        [wine, "main.exe", f"Z:{library}", guid], cwd=tmp_path, input=lines, capture_output=True, text=True,
+        timeout=300, env=surroundings,
+    )  # fmt: skip
+    assert reported.returncode == 0, reported.stderr
+    as_close_as_required(ASYMMETRIC, np.array(reported.stdout.split(), dtype=float), expected(ASYMMETRIC))
+
+
+def test_without_a_cross_compiler_the_unit_says_what_it_lacks_and_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    which = shutil.which
+    monkeypatch.setattr("shutil.which", lambda name: None if "mingw" in name else which(name))
+    tool("gcc", "C compiler")
+    with pytest.warns(DataWarning, match=r"linux64 only.*gcc-mingw-w64-x86-64"):
+        (file,) = export(written(ASYMMETRIC, tmp_path), "simulink", tmp_path / "out")
+    assert not [name for name in zipfile.ZipFile(file).namelist() if "win64" in name]
 
 
 def test_without_a_compiler_it_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -297,7 +297,7 @@ def test_a_written_fit_is_read_back_whole_and_says_the_same(fit: Fit, make_synth
         again = Fit.load(written)
         assert json.loads(json.dumps(again.to_json())) == json.loads(written.read_text())
         assert again.path == written
-        for name in ("parameters", "residuals"):
+        for name in ("parameters", "residual_parts"):
             assert repr(getattr(again, name)) == repr(getattr(one, name))
     assert (
         Fit.load(tmp_path / "0")

@@ -306,7 +306,7 @@ NAMED = {
     "odt": (archive("content.xml"), "cannot be read as OpenDocument spreadsheet"),
     "locked": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + "EncryptedPackage".encode("utf-16-le"), "by a password"),
     "zip": (archive("a.csv"), "a ZIP archive"),
-    "parquet": (b"PAR1" + bytes(200), "pandas.read_parquet"),
+    "parquet": (b"PAR1" + bytes(200), "cannot be read as Parquet"),
     "uff": (b"    -1\n    58\nx\n" + b"0.1 0.2 0.3\n" * 99, "a universal file"),
     "html": (b"<html><table><tr><td>1</td></tr></table></html>", "a web page"),
     "tdm": (b'<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x">', "DIAdem TDM file"),

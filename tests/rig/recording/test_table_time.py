@@ -48,6 +48,7 @@ ACCEPTED: dict[str, tuple[Callable[[], pd.DataFrame], float]] = {
 
 
 @pytest.mark.filterwarnings("ignore:.* columns without a unit are assumed to be in SI")
+@pytest.mark.filterwarnings("ignore:column 'remark' contains text and is left out:rig.errors.DataWarning")
 @pytest.mark.parametrize(("make", "first_s"), ACCEPTED.values(), ids=ACCEPTED)
 def test_a_time_is_read_in_seconds_wherever_it_stands(make: Callable[[], pd.DataFrame], first_s: float) -> None:
     point = RecordedPoint.from_pandas(make(), id="mine", current_A=0.5)

@@ -1,0 +1,93 @@
+"""A fit for people who print it: at most 40 lines of 80 columns, or HTML for a notebook."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from rig.document.blocks import Block, Blocks, Heading, Note, Paragraph
+from rig.document.html import fragment
+from rig.document.numbers import NOTHING, number
+from rig.document.terminal import lines
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity
+from rig.fits.entries import ErrorSummary
+from rig.fits.fit_record import FitRecord
+from rig.fits.parameters import WIDTH, parameter_table
+
+MOST_LINES = 40
+MOST_PARAMETERS = 22
+MOST_REMARKS = 3
+LONGEST_REMARK = 230
+"""Characters: three lines."""
+INADEQUATE = (
+    "Model error exceeds the repeatability of the tests: the values are a best fit; the intervals do not include "
+    "model error"
+)
+ADEQUACY: dict[bool | None, tuple[Severity, str]] = {
+    True: (GOOD, "The model fits the tests within measurement noise."),
+    False: (POOR, f"{INADEQUATE}."),
+    None: (PLAIN, "No test has two cycles, so the error cannot be compared with the measurement noise."),
+}
+
+
+def summary(fit: FitRecord) -> str:
+    """The fit as text: model, verdict, parameters, errors, tested range, warnings."""
+    shown = [text for text, _ in lines(_blocks(fit), WIDTH)]
+    if len(shown) > MOST_LINES:
+        shown = [*shown[: MOST_LINES - 1], "... more: fit.params, fit.warnings, fit.diagnosis, fit.to_json()"]
+    return "\n".join(shown)
+
+
+def summary_html(fit: FitRecord) -> str:
+    """The same as a fragment of HTML; every text of the fit is escaped."""
+    return fragment(_blocks(fit))
+
+
+def _blocks(fit: FitRecord) -> Blocks:
+    """The summary, the most important first."""
+    tests = len(fit.error.per_test)
+    by = f" by {fit.method}" if fit.method else ""
+    severity, verdict = ADEQUACY[fit.adequate]
+    shown = dict(list(fit.parameters.items())[:MOST_PARAMETERS])
+    hidden = len(fit.parameters) - len(shown)
+    return [
+        Heading(f"Fit of {fit.model}{by} to {tests} test{'s' * (tests != 1)}", 3),
+        Note(severity, verdict),
+        *_errors(fit),
+        replace(parameter_table(shown), title="Parameters"),
+        *([Paragraph(f"{hidden} more parameters: fit.params")] if hidden else []),
+        *([Paragraph(f"Tested: {fit.tested.describe()}")] if fit.tested is not None else []),
+        *_undetermined(fit),
+        *_remarks("Probable cause of the misfit", [cause.text for cause in fit.diagnosis], "fit.diagnosis"),
+        *_remarks("Warning", fit.warnings, "fit.warnings"),
+    ]
+
+
+def _errors(fit: FitRecord) -> Iterator[Block]:
+    yield Paragraph(f"Error on the fitted tests: {_measures(fit.error)}")
+    if fit.holdout is not None:
+        count = len(fit.holdout.per_test)
+        yield Paragraph(f"Error on {count} validation test{'s' * (count != 1)}: {_measures(fit.holdout)}")
+
+
+def _measures(error: ErrorSummary) -> str:
+    parts = (f"RMSE {number(error.rmse_N, 3)} N", f"{number(error.nrmse_percent_of_peak, 3)} % of peak")
+    return ", ".join(parts).replace(NOTHING, "-")
+
+
+def _undetermined(fit: FitRecord) -> Iterator[Block]:
+    """The parameters that the tests do not determine, those with the same reason together."""
+    named: dict[str, list[str]] = {}
+    for name, one in fit.parameters.items():
+        if not one.identifiable:
+            named.setdefault(one.reason.removeprefix(f"{name} ") or "no reason stated", []).append(name)
+    texts = [f"{', '.join(names)}: {reason}" for reason, names in named.items()]
+    yield from _remarks("Not determined", texts, "fit.params")
+
+
+def _remarks(title: str, texts: Sequence[str], where: str) -> Iterator[Block]:
+    for text in texts[:MOST_REMARKS]:
+        yield Note(FAIR, textwrap.shorten(f"{title}: {text}", LONGEST_REMARK, placeholder=f" ... ({where})"))
+    if len(texts) > MOST_REMARKS:
+        yield Paragraph(f"{len(texts) - MOST_REMARKS} more: {where}")
