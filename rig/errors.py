@@ -81,8 +81,6 @@ class Stopped(RigError):
 class NoSuchEntry(RigError, KeyError, IndexError):
     """A value in memory has no entry of that name or place; the message lists those that it has."""
 
-    slug = "no-such-entry"
-
     def __str__(self) -> str:
         """The message as it is; a `KeyError` would put quotes around it."""
         return str(self.args[0]) if self.args else ""

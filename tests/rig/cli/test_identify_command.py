@@ -13,7 +13,7 @@ import pytest
 from in_process import rig
 
 from rig.dampers import model, parameter_set
-from rig.identification import Fit, identify_run
+from rig.identification import Fit, FitOptions, identify_run
 
 DEMO = dict(parameter_set("demo").values)
 OTHER = {**DEMO, "Fyb": 130.0, "Ca_plus": 1800.0}
@@ -79,11 +79,11 @@ def test_the_fit_after_a_run_compares_models_where_the_quick_one_is_not_adequate
     assert (fit.model, fit.adequate) == ("asymmetric", True)  # what made the tests, fitted alone
     assert len(fit.selection) == 1
 
-    def misfits(*_tests: object, model: str, **_settings: object) -> Fit:
-        requested.append(model)
+    def misfits(_tests: object, options: FitOptions) -> Fit:
+        requested.append(options.model)
         return replace(fit, evaluation=replace(fit.evaluation, adequate=False))
 
-    monkeypatch.setattr("rig.identification.runs.identify", misfits)
+    monkeypatch.setattr("rig.identification.runs.fit_tests", misfits)
     identify_run([good], model="auto")
     identify_run([good], model="asymmetric")
     assert requested == ["asymmetric", "few", "asymmetric"]
