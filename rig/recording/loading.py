@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from rig.campaign_folder import CampaignFolder
+from rig.campaign_folder import CampaignFolder, run_path
 from rig.errors import FileProblem
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 from rig.recording.file_formats.columns import choose
@@ -202,6 +202,7 @@ def _at(path: Path) -> Iterable[Run | Path]:
         for one in matching:
             yield from _at(one)
         return
+    path = run_path(path)
     if not path.exists():
         raise FileProblem(text, ["no such file or folder"])
     if path.is_file():
