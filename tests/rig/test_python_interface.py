@@ -336,7 +336,7 @@ def test_an_option_that_there_is_not_is_named() -> None:
     with pytest.raises(TypeError, match="did you mean current_A"):
         rig.load("nowhere", curent_A=1.0)  # type: ignore[call-arg]  # as people do
     with pytest.raises(TypeError, match="expected"):
-        rig.identify("nowhere", modell="few")
+        rig.identify("nowhere", mode="few")
     assert "units" in (inspect.getdoc(LoadOptions) or "")
 
 
