@@ -308,6 +308,7 @@ class StripChart {
     this.zero = 0; this.kept = false;
     this.lanes = lanes.map((lane, index) => {
       const area = element("div", undefined, "lane"); box.append(area);
+      if (index === 0) { area.id = "lanes"; area.tabIndex = 0; area.setAttribute("aria-label", "All channels over time. Left and right arrow keys show values, + and - zoom, 0 resets."); area.setAttribute("role", "img"); }
       const last = index === lanes.length - 1;
       if (last) area.classList.add("last");
       const plot = new Plot(area, {
