@@ -257,7 +257,8 @@ def show_ended(beside: Beside, browser: Browser) -> None:
     for name in ("p001", "p002"):
         shutil.copy(FIRST_VERSION, beside.run / "points" / f"{name}.h5")
         motion = {"waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
-        points.append({"id": name, "file": f"{name}.h5", "verdict": "valid", "reasons": [], **motion})
+        peaks = {"peak_force_compression_N": -812.4, "peak_force_rebound_N": 790.6}
+        points.append({"id": name, "file": f"{name}.h5", "verdict": "valid", "reasons": [], **motion, **peaks})
     beside.log.write("result", points=points, valid=2, total=2, rig_state="safe", stopped_by=None, detail="")
     beside.stop_feeding()
     beside.live.close()
@@ -275,6 +276,7 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         show_both_by_keyboard(page)
         page.wait_for_function(f"{shown}.includes('p001, p002 as recorded')", timeout=WAIT_MS)
         zoom_and_read_values(page)
+        ranges_and_the_stopped_point(page)
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "a phone scrolls one way only"
         tabbed_to(page, "close", "Shift+Tab")
         page.keyboard.press("Enter")
@@ -293,6 +295,19 @@ def show_both_by_keyboard(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_function("rigPage.selected.every(one => one && one.series)", timeout=WAIT_MS)
     assert page.evaluate("document.activeElement.ariaPressed") == "true"
+
+
+def ranges_and_the_stopped_point(page: Page) -> None:
+    """A rod at rest does not magnify noise; what is shown after a stop is the point that was stopped."""
+    still, moving = "r.follow(-0.1, 0.1, 5, false)", "r.follow(-0.1, 0.1, 5)"
+    found = page.evaluate(f"(() => {{ const r = new Range(); return [r.follow(-700, 700, 5), {still}, {moving}]; }})()")
+    assert found[0] == found[1] == [pytest.approx(-756.0), pytest.approx(756.0)]
+    assert found[2] == [pytest.approx(-5.4), pytest.approx(5.4)]
+    cells = page.evaluate("[...document.querySelector('#matrix li').children].map(cell => cell.textContent)")
+    assert cells == ["✓ p001", "sine 50 mm, 1 Hz, 0.5 A", "-812", "791", "loops"]
+    page.evaluate("(() => { deselect_all(); const s = { ...state, ended: { ...state.ended, stopped_by: 'operator' } };"
+                  " take({ ...s, type: 'state' }); })()")  # fmt: skip
+    page.wait_for_function("rigPage.recorded && rigPage.recorded.id === 'p002'", timeout=WAIT_MS)
 
 
 def zoom_and_read_values(page: Page) -> None:

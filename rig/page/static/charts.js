@@ -30,7 +30,7 @@ function peak_text(si) { // as many places in every row
   return shown("force", si).toFixed(Math.min(3, Math.max(0, Math.round(Math.log10(QUANTITIES.force.scale))))).replace(/^-(0\.?0*)$/, "$1");
 }
 function with_unit(quantity, si) { return `${number(shown(quantity, si))} ${QUANTITIES[quantity].unit}`; }
-function with_unit_of(name, quantity) { return `${name} (${QUANTITIES[quantity].unit})`; }
+function with_unit_of(name, quantity) { const { unit } = QUANTITIES[quantity]; return unit ? `${name} (${unit})` : name; }
 function shown_range(quantity, [low, high]) { return [shown(quantity, low), shown(quantity, high)].sort((a, b) => a - b); }
 
 // An axis that follows its data without jumping: it grows at once, and shrinks only where the data need about half of it.
@@ -304,10 +304,12 @@ class LoopChart {
 
 // Lanes over one time axis. Zoomed in, they keep the samples that they show, while the rig goes on.
 class StripChart {
-  constructor(box, lanes) {
-    this.zero = 0; this.kept = false;
+  constructor(box, lanes) { Object.assign(this, { box, zero: 0, lanes: [] }); this.set(lanes); }
+  set(lanes) {
+    for (const lane of this.lanes) if (lane.plot.plot) lane.plot.plot.destroy();
+    this.box.replaceChildren(); this.kept = false; this.box.closest("section").querySelector(".reset").hidden = true;
     this.lanes = lanes.map((lane, index) => {
-      const area = element("div", undefined, "lane"); box.append(area);
+      const area = element("div", undefined, "lane"); this.box.append(area);
       if (index === 0) { area.id = "lanes"; area.tabIndex = 0; area.setAttribute("aria-label", "All channels over time. Left and right arrow keys show values, + and - zoom, 0 resets."); area.setAttribute("role", "img"); }
       const last = index === lanes.length - 1;
       if (last) area.classList.add("last");
@@ -347,7 +349,8 @@ class StripChart {
   show(lane, lines, x) {
     let low = Infinity, high = -Infinity;
     for (const [, ys] of lines) for (let i = 0; i < ys.length; i++) { if (ys[i] < low) low = ys[i]; if (ys[i] > high) high = ys[i]; }
-    lane.plot.draw(lines, { x, y: lane.range.follow(...(low <= high ? shown_range(lane.quantity, [low, high]) : [0, 0]), lane.least() / QUANTITIES[lane.quantity].scale) });
+    const least = Math.max(lane.least() / QUANTITIES[lane.quantity].scale, low <= high ? 0.005 * Math.max(Math.abs(low), Math.abs(high)) / QUANTITIES[lane.quantity].scale : 0);
+    lane.plot.draw(lines, { x, y: lane.range.follow(...(low <= high ? shown_range(lane.quantity, [low, high]) : [0, 0]), least) });
   }
   zoomed(plot) {
     this.kept = Boolean(plot.view);

@@ -26,18 +26,35 @@ const GAUGES = [
   { name: "ECU temperature", quantity: "temperature", channel: 12, one: true, range: () => [0, Infinity] },
   { name: "Supply pressure", quantity: "pressure", channel: 26, one: true, range: () => [0, Infinity] },
 ];
+const OWN_GAUGES = GAUGES.length;
 const loops = [
   { chart: new LoopChart(by_id("plot-fx"), "fx", LOOP_X, "displacement", "displacement"), limits: () => ({ x: stroke(), y: both_ways(limit("force_N")) }) },
   { chart: new LoopChart(by_id("plot-fv"), "fv", LOOP_V, "speed", "velocity"), limits: () => ({ x: both_ways(limit("speed_m_s")), y: both_ways(limit("force_N")) }) },
 ];
 function finite(value, otherwise) { return isFinite(value) ? value : otherwise; }
 // Half of the range that a lane shows at least: signals at rest are not magnified to noise.
-const strips = new StripChart(by_id("strips"), [
+const LANES = [
   { id: "F", name: "F", quantity: "force", channels: [1], least: () => finite(0.02 * limit("force_N"), 5), limits: () => shown_range("force", both_ways(limit("force_N"))) },
   { id: "x", name: "x", quantity: "displacement", channels: [2, 20], least: () => finite(0.01 * (stroke()[1] - stroke()[0]), 0.0005), limits: () => shown_range("displacement", stroke()) },
   { id: "I", name: "I", quantity: "current", channels: [10, 16], least: () => finite(0.05 * limit("current_A"), 0.1), limits: () => both_ways(limit("current_A")) },
-  { id: "T", name: "T", quantity: "temperature", channels: [11, 12, 3, 4, 5, 6, 7, 8, 9], least: () => 2, limits: () => [-Infinity, shown("temperature", limit("coil_temperature_degC"))] },
-].map((lane) => ({ ...lane, called })));
+  { id: "T", name: "T", quantity: "temperature", channels: [11, 12], least: () => 2, limits: () => [-Infinity, shown("temperature", limit("coil_temperature_degC"))] },
+].map((lane) => ({ ...lane, called }));
+const strips = new StripChart(by_id("strips"), LANES);
+// Auxiliary channels have a unit of their own: temperatures go to the others, the rest has a lane for each unit.
+function take_auxiliary(devices) {
+  const extra = devices.filter((one) => one.channel >= 3 && one.channel <= 9), lanes = LANES.map((lane) => ({ ...lane, channels: [...lane.channels] }));
+  for (const gauge of GAUGES.splice(OWN_GAUGES)) if (gauge.box) gauge.box.remove();
+  for (const one of extra) {
+    const warm = /^(°C|degC)$/.test(one.unit), quantity = warm ? "temperature" : `auxiliary ${one.unit}`, known = lanes.find((lane) => lane.quantity === quantity);
+    if (!warm) QUANTITIES[quantity] = { unit: one.unit, scale: 1, offset: 0, sign: 1 };
+    if (known) known.channels.push(one.channel);
+    else lanes.push({ id: `auxiliary-${one.channel}`, name: one.name.slice(0, 10), quantity, channels: [one.channel], least: () => 0, limits: () => [-Infinity, Infinity], called });
+    GAUGES.push({ name: one.name, quantity, channel: one.channel, one: true, range: () => [-Infinity, Infinity] });
+  }
+  const key = JSON.stringify(lanes.map((lane) => [lane.quantity, lane.channels]));
+  if (key !== lanes_key) { lanes_key = key; strips.set(lanes); }
+}
+let lanes_key = JSON.stringify(LANES.map((lane) => [lane.quantity, lane.channels]));
 const trends = [
   { chart: new TrendChart(by_id("plot-peaks"), "peaks", "force", "F", [{ name: "rebound", colour: "--now" }, { name: "compression", colour: "--second" }]), values: peaks_of },
   { chart: new TrendChart(by_id("plot-heat"), "heat", "temperature", "T", [{ name: "highest", colour: "--now" }, { name: "lowest", colour: "--second" }]), values: (one) => one.coil_degC ? [one.coil_degC[1], one.coil_degC[0]] : null },
@@ -119,7 +136,7 @@ function take(message) {
 function described(message) {
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
   if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
-  run = message; lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
+  run = message; take_auxiliary(run.devices); lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
   GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }
 // Finished points that are shown over each other, each in its colour until it is deselected.
