@@ -318,12 +318,15 @@ def _parts(opened: TableFile, time_s: FloatArray, settings: ImportSettings) -> t
 
 def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]], rows: int) -> Iterator[str]:
     """What to state of lines between rows, and of rows that are in no test."""
-    headings = [one for one in breaks if one.heading]
+    headings = [one for one in breaks if one.heading and not one.other]
+    others = [one for one in breaks if one.other]
     events = [one for one in breaks if one.count and not one.heading]
     if headings:
         yield f"{len(headings)} repeated heading(s) ({_lines(headings)})"
     if events:
         yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events)})"
+    if others:
+        yield f"{sum(one.other for one in others)} row(s) of other tables left out (after {_lines(others)})"
     if count > 1:
         yield f"file split into {count} parts at these rows, one test each"
     elif headings:

@@ -42,6 +42,10 @@ MOST_EVENTS, FEW_EVENTS = 0.1, 5
 """Share of the rows that may be events; a few always may."""
 MINUS = "\u2212"
 """The typographic sign, which some spreadsheets write before numbers."""
+OWN_TABLE, OTHER_TABLE = "own", "other"
+"""What a heading between rows begins."""
+MTS_HEAD = re.compile(r"MTS793\|[^|\n]*\|[^|\n]*\|\d+\|\d+\|(?P<decimal>[.,])\|")
+"""First line of a file of MTS 793: program, language, ..., decimal sign, sign in dates, sign in times, ..."""
 LINES_BEFORE = 50
 """By which the last line of a file is judged."""
 
@@ -60,6 +64,10 @@ class CsvFile:
         # \r\r\n: Python's csv module on Windows, without newline=""; \x1a: the end of a file of DOS.
         text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a")
         self._text = text.replace(MINUS, "-")
+        head = MTS_HEAD.match(self._text)
+        if head is not None and stated.decimal is None and stated.thousands is None:
+            stated = replace(stated, decimal=head["decimal"])
+            self._stated = stated
         layout = layout_of(file, self._text, encoding, stated)
         parted = ""
         if stated.thousands != "":
@@ -181,16 +189,22 @@ class CsvFile:
         if not apart or not good.any():
             return "\n".join(lines)
         first = self._layout.first_line
-        self._breaks = []
-        for start, stop in apart:
+        self._breaks, event_lines, elsewhere = [], list[int](), False
+        for (start, stop), end in zip(apart, [*(start for start, _ in apart[1:]), len(lines)], strict=True):
             count = sum(bool(line.strip()) for line in lines[start:stop])
-            heading = self._is_heading(lines[start:stop], start + first)
-            self._breaks.append(Break(int(np.count_nonzero(good[:start])), start + first, count, heading))
-        events = sum(one.count for one in self._breaks if not one.heading)
-        numbers = [
-            k for (start, stop), one in zip(apart, self._breaks, strict=True) if not one.heading
-            for k in range(start, stop) if self._is_number_like(lines[k], places)
-        ]
+            heading = self._heading_in(lines[start:stop], start + first, places)
+            elsewhere = heading == OTHER_TABLE or (elsewhere and heading != OWN_TABLE)
+            row = int(np.count_nonzero(good[:start]))
+            other = int(np.count_nonzero(good[stop:end])) if elsewhere else 0
+            if elsewhere:
+                good[stop:end] = False
+            else:
+                event_lines += [k for k in range(start, stop) if lines[k].strip()] if not heading else []
+            self._breaks.append(Break(row, start + first, count, bool(heading) or elsewhere, other))
+        if not good.any():
+            return "\n".join(lines)
+        events = len(event_lines)
+        numbers = [k for k in event_lines if self._is_number_like(lines[k], places)]
         if numbers:
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
@@ -230,11 +244,12 @@ class CsvFile:
         own = [cells[place] for place in places if place < len(cells) and cells[place].lower() not in NOTHING]
         return bool(own) and all(NUMBER_LIKE.fullmatch(cell) or is_stamp(cell) for cell in own)
 
-    def _is_heading(self, lines: Sequence[str], first: int) -> bool:
-        """Whether lines between rows hold the table's own heading again.
+    def _heading_in(self, lines: Sequence[str], first: int, places: Sequence[int]) -> str:
+        """Whether lines between rows hold the table's own heading again, or that of another table; empty: neither.
 
         Raises:
-            FileProblem: they hold a heading of other names or units.
+            FileProblem: they hold the heading of another table, which may have the wanted columns, or which the user
+                does not skip.
         """
         layout = self._layout
         names = _trimmed(layout.heading)
@@ -246,13 +261,18 @@ class CsvFile:
                 continue
             following = _trimmed(cells_of(lines[number + 1], layout.separator)) if number + 1 < len(lines) else ()
             units = _trimmed(layout.units_heading)
-            if cells != names or (units and following != units):
+            if cells == names and (not units or following == units):
+                return OWN_TABLE
+            wanted = {layout.heading[place] for place in places if place < len(layout.heading)}
+            possible = wanted <= {*cells}
+            if possible or self._stated.event_rows == "refuse":
+                skip = "" if possible else ", or leave this table out with --event-rows skip"
                 raise FileProblem(str(self._file), [
                     f"line {number + first}: another table starts, with {', '.join(cells + following)[:200]}; the "
-                    f"first table has {', '.join(names + units)[:200]}. Fix: save each table as a separate file",
+                    f"first table has {', '.join(names + units)[:200]}. Fix: save each table as a separate file{skip}",
                 ])  # fmt: skip
-            return True
-        return False
+            return OTHER_TABLE
+        return ""
 
     @staticmethod
     def _too_wide(beyond: list[object]) -> bool:

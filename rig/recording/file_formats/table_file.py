@@ -59,12 +59,14 @@ class Break:
         line: of the file, the first one that is no row.
         count: how many lines.
         heading: whether the lines repeat the table's heading; otherwise they are notes or events.
+        other: rows after it that belong to another table and are left out.
     """
 
     row: int
     line: int
     count: int
     heading: bool
+    other: int = 0
 
 
 class NoLines:
