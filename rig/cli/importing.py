@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from rig.cli.options import Command, QuantityOption, RunPath, json_option, out_option
-from rig.cli.output import console, say, shown_path, write_json
+from rig.cli.output import console, say, shown_path, status_line, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
@@ -173,7 +173,8 @@ def command(
              if ctx.get_parameter_source(name) not in {None, ParameterSource.DEFAULT}}  # fmt: skip
     if "thousands" in given:
         given["thousands"] = {"space": " ", "none": ""}.get(given["thousands"], given["thousands"])
-    tests, preset, differences = read_like(files, given, like)
+    with status_line(console(as_json=True), f"reading {len(files)} file{'s' * (len(files) > 1)}"):
+        tests, preset, differences = read_like(files, given, like)
     if not as_json:
         _show_how_read(tests)
     for text in differences if not as_json else ():
@@ -192,7 +193,9 @@ def command(
             write_json({"campaign": None, "points": listed, "total": len(parts), **compared})
         return EXIT_DONE
     described = Described(preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences))
-    return _show(write_run(tests, out, described), as_json, compared)
+    with status_line(console(as_json=True), f"checking and writing {len(tests)} test{'s' * (len(tests) > 1)}"):
+        folder = write_run(tests, out, described)
+    return _show(folder, as_json, compared)
 
 
 def _show_how_read(tests: Sequence[ImportedTest]) -> None:

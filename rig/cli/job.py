@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from rig.campaign.campaign import run_campaign
+from rig.cli.output import status_line
 from rig.cli.words import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID, FileProblem
 
@@ -128,17 +129,6 @@ def _nothing(why: str, identify: Identify | None) -> dict[str, Any]:
 
 
 @contextmanager
-def _status(console: Console, text: str) -> Iterator[None]:
-    """Say what is done meanwhile; a closed terminal does not prevent it."""
-    with contextlib.ExitStack() as shown:
-        with contextlib.suppress(OSError):
-            shown.enter_context(console.status(text))
-        yield
-        with contextlib.suppress(OSError):
-            shown.close()
-
-
-@contextmanager
 def hangups_interrupt() -> Iterator[None]:
     """While the block runs, the end of the terminal or SIGTERM interrupts it as Ctrl-C does.
 
@@ -185,7 +175,7 @@ def run_job(
             return JobResult(result)
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
-        with _status(console, "identifying the damper and writing the report"):
+        with status_line(console, "identifying the damper and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer["report_error"] is not None:
         with contextlib.suppress(OSError):

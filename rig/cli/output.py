@@ -9,6 +9,7 @@ import math
 import shutil
 import sys
 import unicodedata
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from rig.extras import how_to_install
 from rig.recording.atomic_write import write_durably
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from rich.console import Console
 
@@ -43,6 +44,17 @@ def console(*, as_json: bool = False) -> Console:
         columns, lines = shutil.get_terminal_size()
         return Console(stderr=as_json, highlight=False, width=columns, height=lines)
     return shown
+
+
+@contextmanager
+def status_line(console: Console, text: str) -> Iterator[None]:
+    """Say what is done meanwhile; a closed terminal does not prevent it."""
+    with ExitStack() as shown:
+        with suppress(OSError):
+            shown.enter_context(console.status(text))
+        yield
+        with suppress(OSError):
+            shown.close()
 
 
 def _plain(value: object) -> object:

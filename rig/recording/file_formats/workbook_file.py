@@ -210,8 +210,12 @@ def _sheets(file: Path, data: bytes, kind: str) -> Iterator[Sheet]:
     while done.returncode == 0 and at < len(lines) and lines[at]:
         head = json.loads(lines[at])
         if "problem" in head:
-            text = " ".join(str(head["problem"]).split())[:200]
-            raise FileProblem(str(file), [f"cannot be read as {kind}: {text}"])
+            raise FileProblem(str(file), [f"{head['problem']}. Fix: save the sheet with the test as CSV"])
+        if "error" in head:
+            text = " ".join(str(head["error"]).split())[:200]
+            raise FileProblem(str(file), [
+                f"cannot be read as {kind}; the file is damaged or has another format ({text})"
+            ])
         stop = at + 1 + head["lines"]
         merged = tuple((int(a), int(b), int(c), int(d)) for a, b, c, d in head["merged"])
         yield Sheet(head["name"], head["hidden"], "\n".join(lines[at + 1 : stop]) + "\n", merged)

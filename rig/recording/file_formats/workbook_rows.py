@@ -5,7 +5,7 @@ with a cell in the last row and column would end `rig import`. In its own proces
 Nothing of a workbook is executed: calamine reads the values that formulas had when the workbook was saved.
 
 Output: one line of JSON for each sheet (`name`, `hidden`, `lines`, `merged`), each followed by its rows as lines of
-tabs; or one line with the key `problem`.
+tabs; or one line with the key `problem`, or `error` for what the library reports.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import json
 import sys
 from datetime import date, datetime, time, timedelta
 
-MEMORY_BYTES, CPU_S = 4 << 30, 300
+MEMORY_BYTES, CPU_S = 2 << 30, 120
 """Limits of this process, where the operating system has them."""
 
 
@@ -85,5 +85,5 @@ if __name__ == "__main__":
     try:
         main(int(sys.argv[1]), int(sys.argv[2]))
     except Exception as error:  # noqa: BLE001 - whatever a damaged file makes of the library; reported by the parent
-        _write({"problem": f"{type(error).__name__}: {error}"})
+        _write({"error": f"{type(error).__name__}: {error}"})
     sys.stdout.flush()
