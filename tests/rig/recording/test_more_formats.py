@@ -302,9 +302,9 @@ def archive(names: str) -> bytes:
 
 
 NAMED = {
-    "doc": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "cannot be read as Excel workbook (.xls); the file is damaged"),
+    "doc": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "as Excel workbook (.xls); the file is damaged"),
     "odt": (archive("content.xml"), "cannot be read as OpenDocument spreadsheet"),
-    "locked": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + "EncryptedPackage".encode("utf-16-le"), "by a password"),
+    "locked": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + "EncryptedPackage".encode("utf-16-le"), "a password"),
     "zip": (archive("a.csv"), "a ZIP archive"),
     "parquet": (b"PAR1" + bytes(200), "cannot be read as Parquet"),
     "uff": (b"    -1\n    58\nx\n" + b"0.1 0.2 0.3\n" * 99, "a universal file"),
