@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from rig.document.numbers import number
-from rig.document.words import PLAIN, Key, Severity, Words
+from rig.document.words import PLAIN, Key, Severity, Words, plain
 
 if TYPE_CHECKING:
     from rig.document.figure import Figure, Panels  # these load numpy, which a list of runs does not need
+    from rig.document.picture import Picture
 
 
 @dataclass(frozen=True)
@@ -117,17 +120,51 @@ class Card:
 
 @dataclass(frozen=True)
 class Cards:
-    """Cards side by side; `large` ones have room for two figures each."""
+    """Cards side by side; `large` ones have room for two figures each, `wide` ones fill a line on paper."""
 
     cards: tuple[Card, ...]
     large: bool = False
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Two groups of blocks side by side, the left one `share` of the width; one below the other where it is narrow."""
+
+    left: tuple[Block, ...]
+    right: tuple[Block, ...]
+    share: float = 0.5
+
+
+@dataclass(frozen=True)
+class Cover:
+    """The head of a document: its title, lines on what it is about, and the logo."""
+
+    title: Words
+    lines: tuple[Words, ...] = ()
+    logo: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Blocks that are one printed page: they are made smaller where they would not fit."""
+
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Signatures:
+    """Lines to sign on, each with what is signed and the name of who is to sign; empty for a name to be written."""
+
+    lines: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
 class Properties:
-    """Names and values, one pair a line; empty values are left out."""
+    """Names and values, `across` pairs a line; empty values are left out."""
 
     pairs: Mapping[str, object]
+    across: int = 1
 
     @property
     def shown(self) -> Iterator[tuple[str, str]]:
@@ -161,7 +198,10 @@ class Details:
 
 @dataclass(frozen=True)
 class Contents:
-    """The document's listed headings."""
+    """The document's listed headings; on a `screen`, on `paper` (with the numbers of the pages) or on both."""
+
+    screen: bool = True
+    paper: bool = True
 
 
 @dataclass(frozen=True)
@@ -174,22 +214,57 @@ class Markup:
 
 Block = (
     Heading | Paragraph | Note | Table | Facts | Keys | Figures | Cards | Properties | Items | Listing | Details
-    | Contents | Markup
+    | Contents | Markup | Beside | Cover | Sheet | Signatures
 )
 Blocks = list[Block]
 
 
 @dataclass(frozen=True)
 class Document:
-    """A title, for the window and the file's properties, and its blocks in order."""
+    """A title, for the window and the file's properties, and its blocks in order.
+
+    `mark` is shown on every page and, on screen, always: what no reader may overlook; empty for none.
+    """
 
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)
+    mark: str = ""
 
     @property
     def listed(self) -> Iterator[Heading]:
         """The headings of the contents."""
-        return (block for block in self.blocks if isinstance(block, Heading) and block.listed)
+        return (block for block in _flat(self.blocks) if isinstance(block, Heading) and block.listed)
+
+    @property
+    def sheets(self) -> Document:
+        """The document's printed pages of their own (`Sheet`) without the rest."""
+        return replace(self, blocks=tuple(block for block in self.blocks if isinstance(block, Sheet)))
+
+
+def _flat(blocks: Iterable[Block]) -> Iterator[Block]:
+    for block in blocks:
+        yield from _flat(block.blocks) if isinstance(block, Sheet) else (block,)
+
+
+def with_contents(blocks: Sequence[Block]) -> Blocks:
+    """Blocks with every heading of level 2 listed in the contents, with an anchor of its own."""
+    taken: set[str] = set()
+
+    def listed(block: Block) -> Block:
+        if isinstance(block, Sheet):
+            return Sheet(tuple(map(listed, block.blocks)))
+        if not isinstance(block, Heading) or block.level != 2:
+            return block
+        title = plain(block.title)
+        name = anchor = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "section"
+        for number_of_same in itertools.count(2):
+            if anchor not in taken:
+                break
+            anchor = f"{name}-{number_of_same}"
+        taken.add(anchor)
+        return replace(block, name=block.name or anchor, listed=block.listed or title)
+
+    return [listed(block) for block in blocks]
 
 
 def section(title: Words, note: Words = "", level: int = 2) -> Blocks:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rig.signals.estimate import Estimate
+from rig.signals.rounding import places_of, rounded
 
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
 ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
-MOST_DECIMALS = 9
 CONFIDENCE = 1.96
 """Standard deviations of a 95 % interval."""
 
@@ -28,29 +25,35 @@ def number(value: object, digits: int = 4) -> str:
 
 
 def between(value: object, low: object, high: object) -> tuple[str, str]:
-    """A value and its interval with as many digits as are known: two of the half width."""
+    """A value and its interval with as many digits as half the interval's width lets be known."""
     ends = [end for end in (low, high) if isinstance(end, (int, float)) and math.isfinite(end)]
     if not isinstance(value, (int, float)) or not math.isfinite(value) or len(ends) < 2 or ends[0] == ends[1]:
         return number(value, 5), f"{number(low, 5)} {ELLIPSIS} {number(high, 5)}"
-    decimals = 1 - math.floor(math.log10(abs(ends[1] - ends[0]) / 2.0))
-    if decimals > MOST_DECIMALS:
-        return number(value, 5), f"{number(low, 5)} {ELLIPSIS} {number(high, 5)}"
-    if decimals < 0:
-        shown = [_in_full(round(one, decimals), decimals) for one in (value, *ends)]
-    else:
-        shown = [signed(f"{one:.{decimals}f}") for one in (value, *ends)]
+    shown = [_in_full(one, places_of(abs(ends[1] - ends[0]) / 2.0)) for one in (value, *ends)]
     return shown[0], f"{shown[1]} {ELLIPSIS} {shown[2]}"
 
 
-def _in_full(rounded: float, decimals: int) -> str:
-    """A large number, rounded to tens or more, as `number` writes it."""
-    size = math.floor(math.log10(abs(rounded))) if rounded else 0
-    return number(rounded, max(1, size + 1 + decimals))
+def known_digits(value: float, std: float) -> str:
+    """A value without its uncertainty, rounded to it; with four digits where the uncertainty is not known."""
+    if not math.isfinite(value) or not math.isfinite(std) or std <= 0.0:
+        return number(value)
+    return _in_full(value, places_of(std))
 
 
-def plus_minus(value: Estimate) -> str:
-    """A value and its standard deviation, rounded to two digits of the deviation."""
-    return signed(value.plain)
+def with_uncertainty(value: float, std: float) -> str:
+    """"123.4 +- 0.6", with typographic signs: both rounded to the uncertainty; the value alone where that is unknown."""
+    if not math.isfinite(value) or not math.isfinite(std) or std <= 0.0:
+        return number(value)
+    return f"{known_digits(value, std)} {PLUS_MINUS} {_in_full(std, places_of(std))}"
+
+
+def _in_full(value: float, places: int) -> str:
+    """A value rounded to decimal places; a large one, rounded to tens or more, as `number` writes it."""
+    if places >= 0:
+        return signed(rounded(value, places))
+    whole = round(value, places)
+    size = math.floor(math.log10(abs(whole))) if whole else 0
+    return number(whole, max(1, size + 1 + places))
 
 
 def signed(shown: str) -> str:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import html
 import io
 import itertools
+import math
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from reportlab.graphics import renderPDF
@@ -17,7 +19,16 @@ from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
 from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.pdfgen.canvas import Canvas
-from reportlab.platypus import CondPageBreak, Flowable, Preformatted, SimpleDocTemplate, Spacer
+from reportlab.platypus import (
+    CondPageBreak,
+    Flowable,
+    Image,
+    KeepInFrame,
+    PageBreak,
+    Preformatted,
+    SimpleDocTemplate,
+    Spacer,
+)
 from reportlab.platypus import Paragraph as Flow
 from reportlab.platypus import Table as Grid
 
@@ -27,6 +38,7 @@ from rig.document.drawing import OPACITY, STROKES, Drawing, Letters, drawing_of
 from rig.document.drawing import Line as Stroked
 from rig.document.figure import Style
 from rig.document.fonts import known
+from rig.document.picture import Picture
 from rig.document.svg import LABEL, LETTERS, TEXT
 from rig.document.words import PLAIN, Code, Key, Label, Shade, Span, Strong, Words, parts, plain
 
@@ -41,6 +53,14 @@ LARGE, SMALL = 3, 4
 HIGH_CARD, LOW_CARD, FEW_ROWS, TITLE = 52 * mm, 37 * mm, 24 * mm, 12 * mm
 """What must fit below a heading, else it begins a page."""
 GAP = 2 * mm
+MARK_TOP, MARK_HEIGHT = 9 * mm, 4.6 * mm
+"""Of a document's mark: its lower edge below that of the page, and its height."""
+SHEET_HEIGHT = A4[1] - MARGIN - BOTTOM - 2 * FRAME - 2.0
+SHEET_SCALES = (1.4, 1.32, 1.24, 1.16, 1.08, 1.0, 0.92, 0.84)
+"""Sizes of letters at which the blocks of one page are tried; from the last on everything is made smaller."""
+FUZZ = 0.5
+CONTENTS_SIZE = 8.0
+LOGO_HEIGHT, LOGO_SHARE = 13 * mm, 0.28
 SPACE = "\N{NO-BREAK SPACE}"
 SIZE, PADDING = 6.0, 2.2
 """Of table cells: letters and the room beside them, points."""
@@ -60,7 +80,12 @@ def pdf(document: b.Document) -> bytes:
         bottomMargin=BOTTOM,
         title=known(document.title), creator="mr-damper-rig",
     )  # fmt: skip
-    template.build(list(_flow(document.blocks, WIDTH)), canvasmaker=_NumberedCanvas)
+    flow = list(_flow(document.blocks, WIDTH))
+    links = [(block.name, block.listed) for block in document.listed]
+    filled = [part for one in flow for part in (_contents(links) if isinstance(one, _ContentsPlace) else [one])]
+    while filled and isinstance(filled[-1], PageBreak):  # a document that ends with a sheet has no empty page
+        filled.pop()
+    template.build(filled, canvasmaker=partial(_NumberedCanvas, mark=document.mark))
     return target.getvalue()
 
 
@@ -73,36 +98,54 @@ def figure_pdf(drawing: Drawing) -> bytes:
 class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annotations
     """A canvas that knows how many pages there are when it writes their numbers: all are kept until the end.
 
-    `marks` are the headings of the page so far: level, title, height on the page (points).
+    `marks` are the headings of the page so far: level, title, anchor, height on the page (points). `entries` are the
+    lines of the contents on it: anchor, and where the number of its page ends (points).
     """
 
-    def __init__(self, *arguments: object, **options: object) -> None:
+    def __init__(self, *arguments: object, mark: str = "", **options: object) -> None:
         super().__init__(*arguments, **options)
         self._kept: list[dict[str, Any]] = []
-        self.marks: list[tuple[int, str, float]] = []
+        self._mark = mark
+        self.marks: list[tuple[int, str, str, float]] = []
+        self.entries: list[tuple[str, float, float]] = []
 
     def showPage(self) -> None:
         """Keep the page."""
         self._kept.append(dict(self.__dict__))
         self._startPage()
-        self.marks = []
+        self.marks, self.entries = [], []
 
     def save(self) -> None:
-        """Write every page with its number and its bookmarks."""
+        """Write every page with its number, its mark and its bookmarks."""
         level, count = -1, itertools.count()
+        pages = {name: page for page, state in enumerate(self._kept, 1) for _, _, name, _ in state["marks"] if name}
         for number, state in enumerate(self._kept, start=1):
             self.__dict__.update(state)
-            self.setFont("Sheet", 7)
-            self.setFillColor(SOFT)
-            self.drawString(MARGIN, 7 * mm, str(self._doc.info.title)[:110])
-            self.drawRightString(A4[0] - MARGIN, 7 * mm, f"page {number} of {len(self._kept)}")
-            for requested, title, top in self.marks:
+            self._write_edges(f"page {number} of {len(self._kept)}")
+            self.setFont("Sheet", CONTENTS_SIZE)
+            for anchor, x, y in self.entries:
+                self.drawRightString(x, y, str(pages.get(anchor, "")))
+            for requested, title, anchor, top in self.marks:
                 level = min(requested, level + 1)  # an outline may not skip a level
-                name = f"heading{next(count)}"
+                name = anchor or f"heading {next(count)}"
                 self.bookmarkHorizontalAbsolute(name, top)
                 self.addOutlineEntry(title, name, level, closed=level > 0)
             super().showPage()
         super().save()
+
+    def _write_edges(self, number: str) -> None:
+        """Title and number below the page, the document's mark above it."""
+        self.setFont("Sheet", 7)
+        self.setFillColor(SOFT)
+        self.drawString(MARGIN, 7 * mm, str(self._doc.info.title)[:110])
+        self.drawRightString(A4[0] - MARGIN, 7 * mm, number)
+        if self._mark:
+            self.setFillColor(HexColor(style.MARK_PAPER))
+            self.rect(MARGIN, A4[1] - MARK_TOP, A4[0] - 2 * MARGIN, MARK_HEIGHT, stroke=0, fill=1)
+            self.setFillColor(HexColor(style.MARK_INK))
+            self.setFont("Sheet-Bold", 8)
+            self.drawCentredString(A4[0] / 2, A4[1] - MARK_TOP + 1.4 * mm, known(self._mark))
+            self.setFillColor(SOFT)
 
 
 class _Bookmark(Flowable):  # type: ignore[misc]  # the library has no annotations
@@ -110,9 +153,9 @@ class _Bookmark(Flowable):  # type: ignore[misc]  # the library has no annotatio
 
     width = height = 0.0
 
-    def __init__(self, level: int, title: str) -> None:
+    def __init__(self, level: int, title: str, name: str) -> None:
         super().__init__()
-        self._mark = level, title
+        self._mark = level, title, name
 
     def wrap(self, *_room: float) -> tuple[float, float]:
         """It takes no room."""
@@ -121,6 +164,67 @@ class _Bookmark(Flowable):  # type: ignore[misc]  # the library has no annotatio
     def draw(self) -> None:
         """Leave the mark on the canvas."""
         self.canv.marks.append((*self._mark, self.canv.absolutePosition(0.0, 0.0)[1]))
+
+
+class _ContentsPlace(Flowable):  # type: ignore[misc]  # the same
+    """Where the contents belong, which are known once all headings are."""
+
+
+class _ContentsLine(Flowable):  # type: ignore[misc]  # the same
+    """A line of the contents: the title is a link, the number of the page is written at the end."""
+
+    def __init__(self, name: str, title: str, width: float) -> None:
+        super().__init__()
+        self._name, self._title, self.width, self.height = name, title, width, 1.6 * CONTENTS_SIZE
+
+    def wrap(self, *_room: float) -> tuple[float, float]:
+        """As wide as it was made."""
+        return self.width, self.height
+
+    def draw(self) -> None:
+        """The title, and for the canvas where the number belongs."""
+        self.canv.setFont("Sheet", CONTENTS_SIZE)
+        self.canv.setFillColor(INK)
+        self.canv.drawString(0.0, 3.0, known(self._title))
+        self.canv.linkRect("", self._name, (0.0, 0.0, self.width, self.height), relative=1, thickness=0)
+        self.canv.entries.append((self._name, *self.canv.absolutePosition(self.width, 3.0)))
+
+
+def _contents(links: Sequence[tuple[str, str]]) -> Flowables:
+    """The contents in two columns, downwards."""
+    if not links:
+        return []
+    half = math.ceil(len(links) / 2)
+    lines = [_ContentsLine(name, title, WIDTH / 2 - 4 * GAP) for name, title in links]
+    rows = [[lines[row], lines[half + row] if half + row < len(lines) else ""] for row in range(half)]
+    return [Grid(rows, colWidths=[WIDTH / 2] * 2, style=_BARE), Spacer(0, GAP)]
+
+
+class _OnePage(Flowable):  # type: ignore[misc]  # the same
+    """Blocks on a page of their own, as large as they fit on it."""
+
+    def __init__(self, blocks: Sequence[b.Block]) -> None:
+        super().__init__()
+        self._blocks = blocks
+        self._scale, self._content = 1.0, KeepInFrame(WIDTH, SHEET_HEIGHT, [])
+
+    def wrap(self, *_room: float) -> tuple[float, float]:
+        """The size of the page."""
+        for self._scale in SHEET_SCALES:
+            width, height = WIDTH / self._scale, SHEET_HEIGHT / self._scale
+            flow = [one for one in _flow(self._blocks, width) if not isinstance(one, CondPageBreak)]
+            last = self._scale == SHEET_SCALES[-1]
+            self._content = KeepInFrame(width, height, flow, mode="shrink" if last else "overflow")
+            self._content.wrapOn(self.canv, width, height)
+            if self._content.height < height - FUZZ:  # one that overflows states the height that it may have
+                break
+        self.width, self.height = WIDTH, self._scale * self._content.height
+        return self.width, self.height
+
+    def draw(self) -> None:
+        """Everything, to scale."""
+        self.canv.scale(self._scale, self._scale)
+        self._content.drawOn(self.canv, 0.0, 0.0)
 
 
 @cache
@@ -183,7 +287,7 @@ def _least(block: b.Block) -> float:
 
 
 def _heading(block: b.Heading, _width: float) -> Iterator[Any]:
-    yield _Bookmark(block.level - 1, known(plain(block.title)))
+    yield _Bookmark(block.level - 1, known(plain(block.title)), block.name)
     yield Flow(inline(block.title), _style(f"h{block.level}"))
 
 
@@ -302,12 +406,11 @@ def _figures(block: b.Figures, width: float) -> Iterator[Any]:
     drawn = [[_drawn(drawing_of(figure), share)] for figure in block.figures]
     rows = [drawn[start : start + block.across] for start in range(0, len(drawn), block.across)]
     rows[-1] += [[] for _ in range(block.across - len(rows[-1]))]
-    bare = [(f"{side}PADDING", (0, 0), (-1, -1), 0) for side in ("LEFT", "RIGHT", "TOP", "BOTTOM")]
-    yield Grid(rows, colWidths=[share] * block.across, style=bare)
+    yield Grid(rows, colWidths=[share] * block.across, style=_BARE)
 
 
 def _cards(block: b.Cards, width: float) -> Iterator[Any]:
-    columns = LARGE if block.large else SMALL
+    columns = 1 if block.wide else LARGE if block.large else SMALL
     yield _grid([_card(card, width / columns - 2 * GAP) for card in block.cards], columns, width)
 
 
@@ -332,10 +435,79 @@ def _grid(cards: list[Flowables], columns: int, width: float) -> Grid:
 
 def _properties(block: b.Properties, width: float) -> Iterator[Any]:
     pairs = [(known(name), value) for name, value in block.shown]
-    first = min(0.3 * width, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
-    cells = [[Flow(_text(name), _style("cell")), Flow(_text(value), _style("cell"))] for name, value in pairs]
-    if cells:
-        yield Grid(cells, colWidths=[first, width - first], hAlign="LEFT", style=BASE)
+    share = width / block.across
+    first = min(0.4 * share, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
+    cells = [[Flow(_text(name), _style("lead")), Flow(_text(value), _style("cell"))] for name, value in pairs]
+    rows = [sum(cells[start : start + block.across], []) for start in range(0, len(cells), block.across)]
+    if rows:
+        rows[-1] += [""] * (2 * block.across - len(rows[-1]))
+        yield Grid(rows, colWidths=[first, share - first] * block.across, hAlign="LEFT", style=BASE)
+
+
+_BARE = [(f"{side}PADDING", (0, 0), (-1, -1), 0) for side in ("LEFT", "RIGHT", "TOP", "BOTTOM")]
+
+
+def _beside(block: b.Beside, width: float) -> Iterator[Any]:
+    left = block.share * (width - GAP)
+    widths = [left, GAP, width - GAP - left]
+    sides = [_unbroken(block.left, widths[0]), [], _unbroken(block.right, widths[2])]
+    yield Grid([sides], colWidths=widths, style=[*_BARE, ("VALIGN", (0, 0), (-1, -1), "TOP")])
+
+
+def _unbroken(blocks: Sequence[b.Block], width: float) -> Flowables:
+    """The flow of blocks that stay on one page."""
+    return [one for one in _flow(blocks, width) if not isinstance(one, CondPageBreak)]
+
+
+def _cover(block: b.Cover, width: float) -> Iterator[Any]:
+    text: Flowables = [_Bookmark(0, known(plain(block.title)), ""), Flow(inline(block.title), _style("h1"))]
+    text += [Flow(inline(line), _style("p")) for line in block.lines]
+    if block.logo is None:
+        yield from text
+        return
+    room = LOGO_SHARE * width
+    yield Grid([[text, _logo(block.logo, room)]], colWidths=[width - room, room], style=[
+        *_BARE, ("VALIGN", (0, 0), (-1, -1), "TOP"), ("ALIGN", (1, 0), (1, 0), "RIGHT"),
+    ])  # fmt: skip
+
+
+def _logo(logo: Picture, room: float) -> Any:  # noqa: ANN401 - the library's
+    """A picture as high as logos are, no wider than there is room."""
+    width = min(room, LOGO_HEIGHT * logo.ratio)
+    height = width / logo.ratio
+    if logo.kind == "png":
+        return Image(io.BytesIO(logo.content), width, height, mask="auto")
+    from svglib.svglib import svg2rlg  # an extra, needed for this kind of logo only
+
+    try:
+        drawing = svg2rlg(io.BytesIO(logo.content), external_reference_root=os.devnull)
+    except Exception:  # noqa: BLE001 - whatever a drawing of another program makes the library raise
+        drawing = None
+    if drawing is None or not drawing.width or not drawing.height:
+        return Flow("The SVG logo cannot be printed. Fix: save it as PNG.", _style("lead"))
+    drawing.scale(width / drawing.width, height / drawing.height)
+    drawing.width, drawing.height, drawing.hAlign = width, height, "RIGHT"
+    return drawing
+
+
+def _sheet(block: b.Sheet, _width: float) -> Iterator[Any]:
+    yield _OnePage(block.blocks)
+    yield PageBreak()
+
+
+def _signatures(block: b.Signatures, width: float) -> Iterator[Any]:
+    share = width / max(1, len(block.lines))
+    rows = [
+        [Flow(_text(text), _style("lead")) for text, _ in block.lines],
+        [Flow(f"<b>{_text(name)}</b>", _style("p")) for _, name in block.lines],
+        [Spacer(0, 7 * mm) for _ in block.lines],
+        [Flow(f"Signature{SPACE * 24}Date", _style("lead")) for _ in block.lines],
+    ]
+    rules = [("LINEABOVE", (place, 3), (place, 3), 0.5, SOFT) for place in range(len(block.lines))]
+    yield Spacer(0, GAP)
+    yield Grid(rows, colWidths=[share] * len(block.lines), style=[("RIGHTPADDING", (0, 0), (-1, -1), 12), *(
+        (f"{side}PADDING", (0, 0), (-1, -1), 0) for side in ("LEFT", "TOP", "BOTTOM")
+    ), *rules])  # fmt: skip
 
 
 def _items(block: b.Items, _width: float) -> Iterator[Any]:
@@ -358,15 +530,16 @@ def _markup(block: b.Markup, width: float) -> Iterator[Any]:
     yield from _flow(block.blocks, width)
 
 
-def _nothing(_block: b.Contents, _width: float) -> Iterator[Any]:
-    """The bookmarks are the contents."""
-    yield from ()
+def _contents_place(block: b.Contents, _width: float) -> Iterator[Any]:
+    if block.paper:
+        yield _ContentsPlace()
 
 
 _WRITERS: dict[type[b.Block], Callable[[Any, float], Iterator[Any]]] = {
     b.Heading: _heading, b.Paragraph: _paragraph, b.Note: _note, b.Table: _table, b.Facts: _facts, b.Keys: _keys,
     b.Figures: _figures, b.Cards: _cards, b.Properties: _properties, b.Items: _items, b.Listing: _listing,
-    b.Details: _details, b.Markup: _markup, b.Contents: _nothing,
+    b.Details: _details, b.Markup: _markup, b.Contents: _contents_place,
+    b.Beside: _beside, b.Cover: _cover, b.Sheet: _sheet, b.Signatures: _signatures,
 }  # fmt: skip
 
 

@@ -23,6 +23,8 @@ LABELS: dict[Severity, tuple[str, str]] = {
 """Background and letters of labels."""
 BARS: dict[Severity, str] = {GOOD: "#1e8e5a", FAIR: "#e0a030", POOR: "#c0392b", PLAIN: LINE}
 """The bar beside a note or a fact."""
+MARK_PAPER, MARK_INK = "#ffe3b3", "#7a2e00"
+"""Background and letters of a document's mark, such as SIMULATED."""
 WARM, COLD = (213, 94, 0), (0, 114, 178)
 """Red, green and blue of shaded cells: positive and negative."""
 DARKEST = 0.5

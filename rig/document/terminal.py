@@ -89,6 +89,25 @@ def _details(block: b.Details, width: int) -> Iterator[Line]:
     yield from lines(block.blocks, width)
 
 
+def _beside(block: b.Beside, width: int) -> Iterator[Line]:
+    yield from lines((*block.left, *block.right), width)
+
+
+def _cover(block: b.Cover, width: int) -> Iterator[Line]:
+    yield from wrapped(block.title, width, HEAD)
+    for line in block.lines:
+        yield from wrapped(line, width)
+
+
+def _sheet(block: b.Sheet, width: int) -> Iterator[Line]:
+    yield from lines(block.blocks, width)
+
+
+def _signatures(block: b.Signatures, width: int) -> Iterator[Line]:
+    for meaning, name in block.lines:
+        yield from wrapped(f"{meaning}: {name}", width)
+
+
 def _markup(block: b.Markup, width: int) -> Iterator[Line]:
     yield from lines(block.blocks, width)
 
@@ -178,4 +197,5 @@ _WRITERS: dict[type[b.Block], Callable[[Any, int], Iterator[Line]]] = {
     b.Heading: _heading, b.Paragraph: _paragraph, b.Note: _note, b.Table: _table, b.Facts: _facts, b.Keys: _nothing,
     b.Figures: _nothing, b.Cards: _cards, b.Properties: _properties, b.Items: _items, b.Listing: _listing,
     b.Details: _details, b.Markup: _markup, b.Contents: _nothing,
+    b.Beside: _beside, b.Cover: _cover, b.Sheet: _sheet, b.Signatures: _signatures,
 }  # fmt: skip

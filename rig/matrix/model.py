@@ -26,6 +26,7 @@ from rig.matrix import named_files
 from rig.matrix.forecast import forecaster
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.order_by_heat import by_heat
+from rig.matrix.report_table import ReportTable
 from rig.matrix.sections import (
     Campaign,
     CurrentStep,
@@ -58,6 +59,7 @@ class Matrix(Section):
     identify: Identify = Field(default_factory=Identify)
     campaign: Campaign = Field(default_factory=Campaign)
     display: DisplayTable = Field(default_factory=DisplayTable)
+    report: ReportTable = Field(default_factory=ReportTable)
 
     def points(self) -> tuple[TestPoint, ...]:
         """Every point in the order in which it is run.
@@ -105,7 +107,7 @@ class Matrix(Section):
     def _digest(self, left_out: frozenset[str]) -> str:
         """The digest without these entries of a hybrid test."""
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
-        apart: dict[str, Any] = {"identify": True, "display": True, "sweep": unused}
+        apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "sweep": unused}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():

@@ -17,8 +17,11 @@ from rig.vehicle.road_file import road_names
 MOST_BYTES = 262_144
 Place = tuple[str, ...]
 ROAD, RECORD, PRIOR = ("matrix", "road", "road"), ("matrix", "file", "file"), ("specimen", "prior")
-PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR)
+LOGO = ("report", "logo")
+PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR, LOGO)
 """Entries that may name files."""
+SINGLE = frozenset({PRIOR, LOGO})
+"""Those that name one file and not a list of them."""
 NESTED = ("profile", "drive")
 """Tables of a road file that name a CSV file beside it."""
 
@@ -37,11 +40,11 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def named(data: Mapping[str, Any]) -> dict[Place, tuple[str, ...]]:
-    """Files named by `[matrix.road]`, `[matrix.file]` and `[specimen] prior`, as written, by their entry."""
+    """Files named by `[matrix.road]`, `[matrix.file]`, `[specimen] prior` and `[report] logo`, by their entry."""
     result = {}
     for place in PLACES:
         value = _entry(data, place)
-        names = (value,) if place == PRIOR else value
+        names = (value,) if place in SINGLE else value
         if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
             result[place] = tuple(name for name in names if _is_file(place, name))
     return {place: names for place, names in result.items() if names}

@@ -11,9 +11,12 @@ from typing import Any
 from rig.campaign_folder import CampaignFolder
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hybrid
+from rig.display import Display
 from rig.document import html
 from rig.document.blocks import (
     Blocks,
+    Cards,
+    Contents,
     Details,
     Document,
     Fact,
@@ -23,13 +26,17 @@ from rig.document.blocks import (
     Note,
     Paragraph,
     Properties,
+    Sheet,
     section,
+    with_contents,
 )
-from rig.document.numbers import number
-from rig.document.words import FAIR, GOOD, POOR, Code, Severity, Strong
+from rig.document.moments import local_time
+from rig.document.numbers import known_digits, number
+from rig.document.words import FAIR, GOOD, POOR, Code, Strong
 from rig.errors import RigError
 from rig.fits.fit_record import COIL, FitRecord, fit_in
 from rig.identification.application.law import Law
+from rig.matrix.report_table import ReportTable
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
@@ -37,16 +44,19 @@ from rig.recording.run import Run
 from rig.report import fit as fit_sections
 from rig.report import loops, standard
 from rig.report.budget import budget
+from rig.report.cover import Details as CoverDetails
+from rig.report.cover import conditions, cover, mark_of
 from rig.report.events import events
 from rig.report.hybrid import hybrid_section
 from rig.report.instruments import calibrations, doubts_of, instruments, sensors_of
+from rig.report.loops import Overlays, overlays
 from rig.report.over_current import parameters_over_current
+from rig.report.peak_forces import peak_force_std_N, peak_forces
 from rig.report.plugin_sections import installed_sections
-from rig.report.point_tables import achieved_table, conditions, points_table, time_base, time_base_words
+from rig.report.point_tables import point_details, points_table, time_base_words
 from rig.report.signals import signals_section
-from rig.report.specimen import described_specimen, specimen_of
 from rig.report.traces import time_traces
-from rig.report.views import PointView, placed_views, view_of
+from rig.report.views import PointView, completed_views, view_of
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
@@ -67,6 +77,8 @@ class Material:
         hybrid: the hybrid tests.
         log: the journal's events; None where there is no journal.
         sensors: attributes of the calibrated channels, of the first point that was recorded here.
+        details: title, people, logo and conditions, as far as they are known.
+        display: the units and signs in which all is shown.
     """
 
     run: Run
@@ -77,10 +89,12 @@ class Material:
     hybrid: Sequence[HybridTest]
     log: Sequence[JsonObject] | None
     sensors: Mapping[str, Mapping[str, Any]]
+    details: CoverDetails
+    display: Display
 
     @classmethod
-    def of(cls, run: Run) -> Material:
-        """Read and compute it.
+    def of(cls, run: Run, details: ReportTable | None = None) -> Material:
+        """Read and compute it; `details` replaces the run's own `[report]`.
 
         Raises:
             FileProblem: `fit.json` is not one of ours.
@@ -91,35 +105,75 @@ class Material:
         characteristics = characterise(run, measured)
         recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
         return cls(
-            run, fit, placed_views(views, characteristics.loops), remark, characteristics, hybrid_tests(run),
-            read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
-            {} if recorded is None else sensors_of(recorded),
+            run, fit, completed_views(views, characteristics.loops, run.display), remark, characteristics,
+            hybrid_tests(run), read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
+            {} if recorded is None else sensors_of(recorded), CoverDetails.of(run, details), run.display,
         )  # fmt: skip
 
 
 def report_of(of: Material) -> Document:
-    """The report as a document.
+    """The report as a document: two printed pages for a customer, then the model, then everything else.
 
     Args:
         of: what it shows.
     """
-    run, fit, views = of.run, of.fit, of.views
-    blocks = [
-        *header(run, fit), *doubts_of(run.points), *warnings(run, fit), *([Note(FAIR, of.remark)] if of.remark else []),
-        *hybrid_section(of.hybrid), *signals_section(views), *loops.overview(views),
-    ]
-    if fit is not None:
-        blocks += [*fit_sections.parameters(fit), *parameters_over_current(fit)]
-    blocks += [*loops.details(views, fitted=any(map(_has_fit, views))), *time_traces(views)]
+    run, fit, views, loops_of = of.run, of.fit, of.views, of.characteristics.loops
+    measured = overlays(views)
+    sheets = _sheets(of, measured)
+    blocks: Blocks = [*sheets, Contents(screen=False)]
+    if measured.first:
+        blocks += [*hybrid_section(of.hybrid), *signals_section(views)]
+    blocks += model_section(of)
+    blocks += section("Appendix", "All results, and how they were obtained.")
+    if measured.rest:
+        blocks += [Heading("Loops of further motions"), *measured.keys, Cards(measured.rest, large=True)]
+    blocks += [*points_table(views), *point_details(views, of.log or ())]
     if fit is not None:
         blocks += fit_sections.quality(fit)
     blocks += [
-        *standard.standard_tests(of.characteristics), *points_table(views), *achieved_table(run.points),
-        *conditions(run.points, of.log or ()), *instruments(run, of.sensors), *time_base(run.points),
-        *budget(views, of.characteristics.loops), *calibrations(of.sensors), *unsupported(of.log or ()),
-        *events(of.log), *installed_sections(run, fit), *described_specimen(run), *provenance(run, fit),
+        *loops.details(views, fitted=any(map(_has_fit, views))), *time_traces(views),
+        *standard.standard_tests(of.characteristics, of.display), *instruments(run, of.sensors),
+        *budget(views, loops_of), *calibrations(of.sensors), *unsupported(of.log or ()),
+        *events(of.log), *installed_sections(run, fit), *provenance(run, fit, of.details),
     ]  # fmt: skip
-    return Document(f"Damper test report {run.path.name}", blocks)
+    title = of.details.table.title or "Damper test report"
+    return Document(f"{title} {run.path.name}", with_contents(blocks), mark_of([run]))
+
+
+def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
+    """The first two printed pages: verdict, peak forces and loops; more loops, specimen and conditions, signatures."""
+    run, details = of.run, of.details
+    load_cell = of.sensors.get("force")
+    heading: Blocks = [Heading("Force loops"), *measured.keys] if measured.first else []
+    on_first = (len(measured.first) + 1) // 2
+    first, second = (
+        [Cards(part, large=True, wide=True)] if part else []
+        for part in (measured.first[:on_first], measured.first[on_first:])
+    )
+    more: Blocks = []
+    if measured.rest:
+        more = [Paragraph(f"Loops of {len(measured.rest)} further motions are in the appendix.", small=True)]
+    if not measured.first:
+        second = [*hybrid_section(of.hybrid), *signals_section(of.views)]
+    return (
+        Sheet((
+            cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),
+            *peak_forces(of.characteristics.loops, of.display), *heading, *first,
+        )),
+        Sheet((*second, *more, *conditions(run, details, load_cell))),
+    )  # fmt: skip
+
+
+def model_section(of: Material) -> Blocks:
+    """The fitted model: whether it can be used, its parameters, and what they are of."""
+    fit = of.fit
+    if fit is None:
+        return [Heading("Model"), Paragraph("This run has no fit, so the report shows only measurements.")]
+    return [
+        Heading("Model"), Facts(tuple(_errors(fit))), *fit_warnings(fit),
+        *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit), *loops.model_overview(of.views),
+        *parameters_over_current(fit),
+    ]  # fmt: skip
 
 
 def write_report(run_dir: Path) -> Path:
@@ -141,9 +195,9 @@ def write_report(run_dir: Path) -> Path:
     return path
 
 
-def written_report(run_dir: Path) -> tuple[Path, Document]:
-    """As `write_report`, and the report as a document for other writers."""
-    material = Material.of(Run.open(run_dir))
+def written_report(run_dir: Path, details: ReportTable | None = None) -> tuple[Path, Document]:
+    """As `write_report`, and the report as a document for other writers; `details` replaces the run's `[report]`."""
+    material = Material.of(Run.open(run_dir), details)
     run, document = material.run, report_of(material)
     if material.hybrid:
         write_hybrid(run, material.hybrid)
@@ -188,35 +242,55 @@ def _has_fit(view: PointView) -> bool:
     return view.loop is not None and view.loop.fitted_N is not None
 
 
-def header(run: Run, fit: FitRecord | None) -> Blocks:
-    """Title, what was tested, and the result in a few numbers."""
-    campaign = run.campaign
-    origin = "imported tests" if _any(run, "imported") else "simulated rig" if _simulated(run) else "test rig"
-    started = campaign.get("created") or _first(run, "started_utc")
-    described = " \N{MIDDLE DOT} ".join(
-        str(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
-    )
+def facts_of(of: Material) -> Facts:
+    """The result in a few numbers: are the tests valid, how large are the forces, does a model fit."""
+    run, fit = of.run, of.fit
     valid = _count(run, "valid")
-    planned = campaign.get("points")  # identifiers; of an import: its files, which may hold no test
+    planned = run.campaign.get("points")  # identifiers; of an import: its files, which may hold no test
     total = max(len(run.points), sum(isinstance(one, str) for one in planned) if isinstance(planned, list) else 0)
-    facts = [*_verdict(fit), Fact(f"{valid} of {total}", "points valid", _severity(valid == total))]
+    severity = GOOD if valid == total else POOR if valid == 0 else FAIR
+    facts = [Fact(f"{valid} of {total}", "points valid", severity)]
     facts += [
         Fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", severity)
         for verdict, severity in (("suspect", FAIR), ("invalid", POOR)) if _count(run, verdict)
     ]
-    facts += [*_lost(run), *_errors(fit)]
-    title = Heading(f"Damper test report: {specimen_of(run) or run.path.name}", 1)
-    return [title, Paragraph(described, small=True), Facts(tuple(facts))]
+    return Facts((*facts, *_lost(run), *_largest(of), *_verdict(fit)))
 
 
-def _errors(fit: FitRecord | None) -> list[Fact]:
-    """The model, and its errors on fitted and other tests."""
+def _largest(of: Material) -> list[Fact]:
+    """The largest peak force in each direction, and where."""
+    known = [loop for loop in of.characteristics.loops if loop.peak_force_N.known]
+    shown, facts = of.display, list[Fact]()
+    for place, name in enumerate(("rebound", "compression")):
+        if not known:
+            break
+        loop = max(known, key=lambda one: abs(one.peak_force_N[place]))
+        std_N = peak_force_std_N(loop)
+        force = known_digits(shown.force.signed(loop.peak_force_N[place]), shown.force.value(std_N))
+        at = f"{number(loop.level_A, 3)} A, {shown.speed.text(loop.peak_speed_m_s, 3)}"
+        facts.append(Fact(f"{force} {shown.force.unit}", f"largest {name} force ({at})"))
+    return facts
+
+
+def _verdict(fit: FitRecord | None) -> list[Fact]:
+    """Whether the fitted model can be used."""
     if fit is None:
         return []
+    if fit.adequate is None:
+        return [Fact("Not evaluated", "model; no test has two full cycles in addition to its first and last")]
+    if not fit.adequate:
+        return [Fact("Does not fit", "model; its error exceeds the repeatability of the tests", POOR)]
+    error = f"{number(fit.error.nrmse_percent_of_peak, 2)} %"
+    return [Fact("Fits", f"model, within measurement noise; error {error} of peak force", GOOD)]
+
+
+def _errors(fit: FitRecord) -> list[Fact]:
+    """The model, and its errors on fitted and other tests."""
+    known = f"{len(fit.identifiable)} of {len(fit.parameters)}"
     facts = [
-        Fact(fit.model, f"model ({fit_sections.METHODS.get(fit.method, fit.method)})"),
+        Fact(fit.model, f"model, fitted by {fit_sections.METHODS.get(fit.method, fit.method)}"),
         Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error relative to peak force, mean of all tests"),
-        Fact(f"{number(fit.error.rmse_N, 3)} N", "RMS error"),
+        Fact(f"{number(fit.error.rmse_N, 3)} N", "RMS error"), Fact(known, "parameters identified"),
     ]
     if fit.holdout is not None:
         meaning = f"error on validation tests{fit_sections.extrapolated_words(fit.holdout)}"
@@ -227,47 +301,35 @@ def _errors(fit: FitRecord | None) -> list[Fact]:
     return facts
 
 
-def _verdict(fit: FitRecord | None) -> list[Fact]:
-    """Whether the fit can be used, first of all."""
-    if fit is None:
-        return []
-    if fit.adequate is None:
-        return [Fact("Not evaluated", "no test has two full cycles in addition to its first and last")]
-    if not fit.adequate:
-        return [Fact("Does not fit", "model error exceeds the repeatability of the tests", POOR)]
-    known = f"{len(fit.identifiable)} of {len(fit.parameters)} parameters identified"
-    return [Fact("Fits", f"within measurement noise; {known}", GOOD)]
-
-
 def _lost(run: Run) -> list[Fact]:
-    """Lost samples; a count of 0 is good news only where a loss would have been counted."""
+    """Lost samples; none is no news where a loss would have been counted."""
     lost = sum(point.lost_samples for point in run.points)
     by = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
     if not by:  # imported tests
         return [Fact(str(lost), "rows missing", FAIR)] if lost else []
-    if lost or by == {"sequence"}:
-        return [Fact(str(lost), "samples lost", _severity(lost == 0))]
+    if lost:
+        estimated = "" if by == {"sequence"} else ", estimated from the nominal rate"
+        return [Fact(str(lost), f"samples lost{estimated}", FAIR)]
     if by <= {"sequence", "rate"}:
-        return [Fact(str(lost), "samples lost, estimated from the nominal rate; single losses may go undetected")]
+        return []
     return [Fact("unknown", "number of samples lost; the data format of a sensor has no sequence number", FAIR)]
 
 
-def _severity(good: bool) -> Severity:
-    return GOOD if good else FAIR
-
-
-def warnings(run: Run, fit: FitRecord | None) -> Blocks:
-    """Everything a reader must know before believing the rest."""
+def warnings(run: Run) -> Blocks:
+    """What a reader must know before believing the measurements."""
     notes: Blocks = [Note(POOR, line) for line in run.unreadable]
     if count := _count(run, "invalid"):
-        left_out = " and excluded from the fit" if fit is not None else ""
-        notes.append(Note(POOR, f"{_points(count)} invalid{left_out}."))
+        notes.append(Note(POOR, f"{_points(count)} invalid and not used; see the remarks in the table of test points."))
     if count := _count(run, "suspect"):
         use = Code("rig identify --suspect")
-        left_out = f"{_points(count)} suspect and excluded from the fit; to include suspect points, use "
-        notes.append(Note(FAIR, (left_out, use, ".")))
-    if fit is None:
-        return [*notes, Note(FAIR, "This run has no fit, so the report shows only measurements.")]
+        stated = f"{_points(count)} suspect and excluded from the fit; to include suspect points, use "
+        notes.append(Note(FAIR, (stated, use, ".")))
+    return notes
+
+
+def fit_warnings(fit: FitRecord) -> Blocks:
+    """What a reader must know before believing the model."""
+    notes: Blocks = []
     if fit.adequate is False:
         notes.append(Note(POOR, (
             Strong("The model does not fit."), " The model error exceeds the repeatability of the tests. Do not use "
@@ -296,7 +358,7 @@ def unsupported(log: Sequence[JsonObject]) -> Blocks:
     return [*section("Functions that this rig does not support", "As reported by the devices on connection."), listed]
 
 
-def provenance(run: Run, fit: FitRecord | None) -> Blocks:
+def provenance(run: Run, fit: FitRecord | None, details: CoverDetails) -> Blocks:
     """Where all this comes from: software, bench, devices, calibrations, hashes."""
     shared = {
         key: value for key, value in (run.points[0].provenance.items() if run.points else ())
@@ -306,27 +368,24 @@ def provenance(run: Run, fit: FitRecord | None) -> Blocks:
         "campaign": run.path.name, **shared,
         **{key: value for key, value in run.campaign.items() if isinstance(value, (str, int, float))},
     }
+    for key in ("started_utc", "created"):
+        if key in shown:
+            shown[key.removesuffix("_utc")] = local_time(shown.pop(key))
+    shown |= {f"specimen, {key.replace('_', ' ')}": value for key, value in details.specimen.items()}
     methods = sorted({point.quality.skew.method for point in run.points if point.quality.skew.method is not None})
     shown["time alignment"] = "; ".join(map(time_base_words, methods))
+    lost = sum(point.lost_samples for point in run.points)
+    counted = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
+    if counted and counted <= {"sequence", "rate"}:
+        single = "" if counted == {"sequence"} else ", estimated from the nominal rate; single losses may go undetected"
+        shown["samples lost"] = f"{lost}{single}"
     if fit is not None:
         shown["fit"] = f"{fit.evaluations} evaluations, {number(fit.wall_s, 3)} s"
     note = (
         "The file for each point contains the raw samples, calibrations and clock models: ", Code("points/*.h5"),
         " (HDF5, readable with h5dump, xarray, MATLAB and Octave).",
     )
-    return [*section("Provenance", note), Properties(shown)]
-
-
-def _first(run: Run, name: str) -> str:
-    return str(run.points[0].provenance.get(name, "")) if run.points else ""
-
-
-def _any(run: Run, name: str) -> bool:
-    return any(getattr(point, name) for point in run.points)
-
-
-def _simulated(run: Run) -> bool:
-    return bool(run.campaign.get("simulated")) or any(point.test.get("simulated") for point in run.points)
+    return [*section("Provenance", note), Properties({key.replace("_", " "): value for key, value in shown.items()})]
 
 
 def _count(run: Run, verdict: str) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rig.document.blocks import Blocks, Column, Head, Paragraph, section, table
+from rig.document.moments import local_time, zone_of
 from rig.document.numbers import NOTHING, number
 from rig.document.words import Code
 
@@ -50,7 +51,8 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
     ]  # fmt: skip
     more = len(happened) - len(rows)
     count = Column("Count", "", True)
-    head: list[Head] = ["First, UTC", "Last, UTC", "Event", "Code or name", count, "Latest message or values"]
+    zone = zone_of(happened[0].first) or "UTC"
+    head: list[Head] = [f"First, {zone}", f"Last, {zone}", "Event", "Code or name", count, "Latest message or values"]
     rest: Blocks = [Paragraph(f"Further kinds of event in journal.jsonl: {more}.", small=True)] if more > 0 else []
     return [*title, table(head, rows), *rest]
 
@@ -84,5 +86,5 @@ def _words(line: Mapping[str, Any]) -> str:
 
 
 def _clock(stamp: str) -> str:
-    """Date and time to the second."""
-    return stamp[:19].replace("T", " ")
+    """Local date and time to the second; the zone is in the head of the column."""
+    return local_time(stamp, zone=False)

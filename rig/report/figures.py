@@ -37,6 +37,6 @@ def figures(run: Path | str | Run) -> dict[str, Plot]:
         drawn |= {f"traces/{view.point.id}/{name}": figure for name, figure in trace_figures(view).items()}
     if material.fit is not None:
         drawn |= {f"parameters/{name}": figure for name, figure in parameter_figures(material.fit).items()}
-    plots = standard.plots(material.characteristics.loops)
+    plots = standard.plots(material.characteristics.loops, material.display)
     drawn |= {f"standard/{name}": figure for name, figure in plots.items()}
     return {name: Plot(figure) for name, figure in drawn.items()}

@@ -1,73 +1,149 @@
-"""The report's loops: every point measured and fitted, and all currents of one motion in one figure."""
+"""The report's loops: all currents of one motion in one figure, and every point measured and fitted."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
 from typing import TypeVar
 
+from rig.display import Display
 from rig.document.blocks import Block, Blocks, Card, Cards, Figures, Heading, Keys, Paragraph
 from rig.document.figure import Axis, Figure, Range, Style, Trace, span
 from rig.document.numbers import number
 from rig.document.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
 from rig.document.words import Key, Label, Span, Strong, verdict
 from rig.report.fit import validation_words
+from rig.report.peak_forces import current_keys
 from rig.report.views import Loop, PointView, motion_of
 from rig.signals.arrays import FloatArray
 from rig.test_point import HYBRID, SIGNAL
 
 K = TypeVar("K", bound=Hashable)
-FORCE, DISPLACEMENT, VELOCITY = Axis("Force", "N"), Axis("Displacement about mid-stroke", "mm"), Axis("Velocity", "m/s")
+MOST_ON_PAGES = 4
+"""Motions whose loops are on the first two printed pages."""
 
 
-def overview(views: Sequence[PointView]) -> Blocks:
-    """Force over velocity for each motion, one colour for each current, the fit dashed over it."""
-    drawn = [view.loop for view in views if view.loop is not None]
-    currents = sorted({view.level_A for view in views if view.loop is not None})
-    if len(currents) < 2:
-        return []
-    keys = [Key(f"{number(current)} A", current_colour(place, len(currents))) for place, current in enumerate(currents)]
-    if any(loop.fitted_N is not None for loop in drawn):
-        keys.append(Key("fitted", OVERLAID, dashed=True))
-    cards = tuple(Card(Strong(motion), (Figures((figure,)),)) for motion, figure in overview_figures(views).items())
-    return [
-        Heading("Force vs. velocity, all currents"), Keys(tuple(keys), "One measured cycle: "), Cards(cards),
+def force_axis(display: Display, limits: Range | None = None) -> Axis:
+    """The axis of forces."""
+    return Axis(display.force.title("Force"), display.force.unit, limits)
+
+
+def displacement_axis(display: Display) -> Axis:
+    """The axis of displacements about mid-stroke."""
+    return Axis(display.displacement.title("Displacement about mid-stroke"), display.displacement.unit)
+
+
+def velocity_axis(display: Display) -> Axis:
+    """The axis of velocities."""
+    return Axis(display.speed.title("Velocity"), display.speed.unit)
+
+
+def displacement_of(loop: Loop, display: Display) -> FloatArray:
+    """A loop's displacement as it is shown (k,)."""
+    return display.displacement.signed(1e-3 * loop.displacement_mm)
+
+
+def velocity_of(loop: Loop, display: Display) -> FloatArray:
+    """A loop's velocity as it is shown (k,)."""
+    return display.speed.signed(loop.velocity_m_s)
+
+
+@dataclass(frozen=True)
+class Overlays:
+    """The measured loops of each motion, all currents in one figure: the cards of the first pages, and the rest."""
+
+    first: tuple[Card, ...] = ()
+    rest: tuple[Card, ...] = ()
+    keys: Blocks = field(default_factory=list)
+
+
+def overlays(views: Sequence[PointView]) -> Overlays:
+    """Force over displacement and over velocity for each motion, one colour for each current.
+
+    Of many motions, evenly many between the slowest and the fastest are on the first pages.
+    """
+    drawn = [view for view in views if view.loop is not None]
+    if not drawn:
+        return Overlays()
+    display, currents = drawn[0].display, _currents(drawn)
+    cards = [
+        Card(Strong(motion), (Figures((
+            _overlay(group, currents, displacement_axis(display), displacement_of, f"Force vs. displacement, {motion}"),
+            _overlay(group, currents, velocity_axis(display), velocity_of, f"Force vs. velocity, {motion}"),
+        ), across=2),)) for motion, group in _grouped(sorted(drawn, key=_speed), lambda view: view.group)
     ]  # fmt: skip
+    places = sorted({round(k * (len(cards) - 1) / max(MOST_ON_PAGES - 1, 1)) for k in range(MOST_ON_PAGES)})
+    first = places if len(cards) > MOST_ON_PAGES else range(len(cards))
+    keys: Blocks = [Keys(current_keys(currents), "One measured cycle at ")] if len(currents) > 1 else []
+    return Overlays(
+        tuple(cards[place] for place in first),
+        tuple(card for place, card in enumerate(cards) if place not in first), keys,
+    )  # fmt: skip
+
+
+def _currents(views: Sequence[PointView]) -> list[float]:
+    return sorted({view.level_A for view in views})
+
+
+def _speed(view: PointView) -> float:
+    return view.point.amplitude_m * view.point.frequency_Hz
+
+
+def _overlay(
+    group: Sequence[PointView], currents: Sequence[float], along: Axis,
+    values: Callable[[Loop, Display], FloatArray], title: str, *, fitted: bool = False, size: tuple[int, int] = (360, 225),
+) -> Figure:
+    """One motion's loops in one figure; with the fit dashed over them where that is wanted."""
+    traces = []
+    for view in sorted(group, key=lambda view: view.level_A):
+        if view.loop is not None:
+            colour = current_colour(list(currents).index(view.level_A), len(currents))
+            x, force = values(view.loop, view.display), view.display.force.signed(view.loop.force_N)
+            traces.append(Trace(x, force, name=f"{view.level_A:g} A, {view.point.id}", colour=colour))
+    for view in group if fitted else ():
+        if view.loop is not None and view.loop.fitted_N is not None:
+            x, force = values(view.loop, view.display), view.display.force.signed(view.loop.fitted_N)
+            traces.append(Trace(x, force, Style.OVERLAID, f"fitted, {view.level_A:g} A"))
+    return Figure(along, force_axis(group[0].display), traces, *size, title=title)
+
+
+def model_overview(views: Sequence[PointView]) -> Blocks:
+    """Force over velocity for each motion with the fit dashed over the measured loops; empty without a drawn fit."""
+    if not any(view.loop is not None and view.loop.fitted_N is not None for view in views):
+        return []
+    keys = (*current_keys(_currents([view for view in views if view.loop is not None])),
+            Key("fitted", OVERLAID, dashed=True))  # fmt: skip
+    cards = tuple(Card(Strong(motion), (Figures((figure,)),)) for motion, figure in overview_figures(views).items())
+    return [Heading("Measured and fitted loops", 3), Keys(keys, "One cycle at "), Cards(cards)]
 
 
 def overview_figures(views: Sequence[PointView]) -> dict[str, Figure]:
     """Force over velocity by the motion's name, all currents in one figure."""
     drawn = [view for view in views if view.loop is not None]
-    currents = sorted({view.level_A for view in drawn})
-    made = {}
-    for motion, group in _grouped(drawn, lambda view: view.group):
-        traces = [
-            Trace(view.loop.velocity_m_s, view.loop.force_N, name=f"{view.level_A:g} A, {view.point.id}",
-                  colour=current_colour(currents.index(view.level_A), len(currents)))
-            for view in sorted(group, key=lambda view: view.level_A) if view.loop is not None
-        ]
-        traces += [
-            Trace(view.loop.velocity_m_s, view.loop.fitted_N, Style.OVERLAID, f"fitted, {view.level_A:g} A")
-            for view in group if view.loop is not None and view.loop.fitted_N is not None
-        ]
-        made[motion] = Figure(VELOCITY, FORCE, traces, 400, 270, title=f"Force vs. velocity, {motion}")
-    return made
+    return {
+        motion: _overlay(group, _currents(drawn), velocity_axis(group[0].display), velocity_of,
+                         f"Force vs. velocity, {motion}", fitted=True, size=(400, 270))
+        for motion, group in _grouped(drawn, lambda view: view.group)
+    }  # fmt: skip
 
 
 def details(views: Sequence[PointView], *, fitted: bool) -> Blocks:
     """For each current one row of cards: both loops of every point but hybrid tests, and the residual of the fit."""
-    shown = [view for view in views if view.point.kind != HYBRID]
-    if not shown:
+    drawn = [view for view in views if view.point.kind != HYBRID]
+    if not drawn:
         return []
     keys = [Key("measured", MEASURED)]
     if fitted:
         keys += [Key("fitted", FITTED, dashed=True), Key("residual", RESIDUAL)]
     note = "One cycle from the middle of the test, or the whole test if the motion is not cyclic. "
     parts: Blocks = [Heading("Loops for all points"), Keys(tuple(keys), note)]
-    ordered = sorted(shown, key=lambda view: (view.level_A, view.point.waveform, view.point.frequency_Hz))
+    ordered = sorted(drawn, key=lambda view: (view.level_A, view.point.waveform, view.point.frequency_Hz))
     for current, group in _grouped(ordered, lambda view: view.level_A):
         loops = [view.loop for view in group if view.loop is not None]
-        force = span([loop.force_N for loop in loops] + [loop.fitted_N for loop in loops if loop.fitted_N is not None])
-        residual = span([_residual(loop) for loop in loops if loop.fitted_N is not None])
+        shown = group[0].display.force
+        forces = [loop.force_N for loop in loops] + [loop.fitted_N for loop in loops if loop.fitted_N is not None]
+        force = span([shown.signed(one) for one in forces])
+        residual = span([shown.signed(_residual(loop)) for loop in loops if loop.fitted_N is not None])
         cards = tuple(_card(view, force, residual) for view in group)
         parts += [Heading(f"{number(current)} A", 3), Cards(cards, large=True)]
     return parts
@@ -91,23 +167,24 @@ def _card(view: PointView, force: Range, residual: Range) -> Card:
 def loop_figures(view: PointView, force: Range | None = None, residual: Range | None = None) -> dict[str, Figure]:
     """A point's loops: force over `displacement` and `velocity`, and with a fit the `residual` over the cycle.
 
-    `force` and `residual` are the axes' limits (N); by default each figure's own.
+    `force` and `residual` are the axes' limits, in the shown unit; by default each figure's own.
     """
-    loop = view.loop
+    loop, display = view.loop, view.display
     if loop is None:
         return {}
-    made, axis = {}, Axis("Force", "N", force)
+    made, axis, shown = {}, force_axis(display, force), display.force
     for name, label, along in (
-        ("displacement", DISPLACEMENT, loop.displacement_mm), ("velocity", VELOCITY, loop.velocity_m_s),
-    ):  # fmt: skip
-        traces = [Trace(along, loop.force_N, name="measured")]
+        ("displacement", displacement_axis(display), displacement_of(loop, display)),
+        ("velocity", velocity_axis(display), velocity_of(loop, display)),
+    ):
+        traces = [Trace(along, shown.signed(loop.force_N), name="measured")]
         if loop.fitted_N is not None:
-            traces.append(Trace(along, loop.fitted_N, Style.FITTED, "fitted"))
+            traces.append(Trace(along, shown.signed(loop.fitted_N), Style.FITTED, "fitted"))
         made[name] = Figure(label, axis, traces)
     if loop.fitted_N is not None:
         phase = Axis("Record" if view.point.kind == SIGNAL else "Cycle phase", limits=(0.0, 1.0))
-        rest = Trace(loop.phase, _residual(loop), Style.RESIDUAL, "measured minus fitted")
-        made["residual"] = Figure(phase, Axis("Residual", "N", residual), [rest], 610, 130)
+        rest = Trace(loop.phase, shown.signed(_residual(loop)), Style.RESIDUAL, "measured minus fitted")
+        made["residual"] = Figure(phase, Axis("Residual", shown.unit, residual), [rest], 610, 130)
     return made
 
 

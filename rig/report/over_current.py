@@ -33,7 +33,7 @@ def parameters_over_current(fit: FitRecord) -> Blocks:
         Key("separate fit at each current, 95 % interval", FITTED) if by_current else Key("95 % interval", RESIDUAL),
     )
     cards = tuple(Card(Strong(name), (Figures((figure,)),)) for name, figure in drawn.items())
-    return [Heading("Parameters vs. current"), Keys(keys), Cards(cards)]
+    return [Heading("Parameters vs. current", 3), Keys(keys), Cards(cards)]
 
 
 def parameter_figures(fit: FitRecord) -> dict[str, Figure]:

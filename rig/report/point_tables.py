@@ -1,4 +1,4 @@
-"""The report's tables with one row for each point. A column is one entry: title, unit, and how a point's cell is read.
+"""The report's tables with one row for each point: the main table and the details. A column is one entry: title, unit, and how a point's cell is read.
 
 To add a column, add an entry (`quantity` for a plain number); see docs/how-to/add-a-report-column.md.
 """
@@ -6,20 +6,22 @@ To add a column, add an entry (`quantity` for a plain number); see docs/how-to/a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rig.characteristics.loop import LoopCharacteristics
+from rig.display import SI, Display, Shown
 from rig.document import blocks
-from rig.document.blocks import Blocks, Items, Paragraph, section
-from rig.document.numbers import CONFIDENCE, NOTHING, PLUS_MINUS, number, plus_minus, signed
-from rig.document.words import Code, Strong, Words, verdict
+from rig.document.blocks import Blocks, Details, Items, Paragraph, section
+from rig.document.numbers import CONFIDENCE, NOTHING, PLUS_MINUS, known_digits, number, with_uncertainty
+from rig.document.words import Code, Strong, Words, plain, verdict
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.quality.point_quality import CurrentQuality, SensorQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.fit import validation_words
-from rig.report.views import PointView
-from rig.signals.estimate import Estimate
+from rig.report.peak_forces import peak_force_std_N
+from rig.report.views import PointView, motion_of
 
 TEMPERATURE_STEP_K = 0.1
 """The ECU reports its coil's temperature in such steps."""
@@ -29,27 +31,46 @@ CONDITION_CODES = frozenset({"temperature", "amplitude"})
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its title and unit, the cell of a point, and whether its cells are numbers."""
+    """One column: its title and unit, the cell of a point, and whether its cells are numbers.
+
+    `shown` is the quantity of `[display]` ("force", "displacement", "speed", "temperature", "damping") whose unit the column has.
+    """
 
     title: str
     unit: str
     cell: Callable[[PointView], Words]
     numeric: bool = True
+    shown: str = ""
 
 
 def quantity(
     title: str, unit: str, read: Callable[[RecordedPoint], float | None], *, scale: float = 1.0, digits: int = 4,
+    shown: str = "",
 ) -> Column:
     """A column of a number; a dash where it was not measured.
 
     Args:
         title: of the column.
-        unit: as shown; empty for none.
+        unit: as shown; empty for none, and where `shown` says it.
         read: the value in SI, from the point or its `quality`.
         scale: so many of the shown unit are one of SI.
         digits: significant digits.
+        shown: the quantity of `[display]` that it is: "force", "displacement", "speed", "temperature" or "damping".
     """
-    return Column(title, unit, lambda view: _scaled(read(view.point), scale, digits))
+    def cell(view: PointView) -> Words:
+        value = read(view.point)
+        if value is None:
+            return NOTHING
+        return number(shown_as(view.display, shown).value(value) if shown else scale * value, digits)
+
+    return Column(title, unit, cell, shown=shown)
+
+
+def shown_as(display: Display, quantity_name: str) -> Shown:
+    """How a quantity of `[display]` is shown."""
+    known = {"force": display.force, "displacement": display.displacement, "speed": display.speed,
+             "temperature": display.temperature, "damping": display.damping}  # fmt: skip
+    return known[quantity_name]
 
 
 def words(title: str, read: Callable[[PointView], Words]) -> Column:
@@ -57,14 +78,22 @@ def words(title: str, read: Callable[[PointView], Words]) -> Column:
     return Column(title, "", read, numeric=False)
 
 
-def point_table(columns: Sequence[Column], views: Iterable[PointView]) -> blocks.Table:
-    """One row for each point."""
-    heads = [blocks.Column(column.title, column.unit, column.numeric) for column in columns]
-    return blocks.table(heads, [[column.cell(view) for column in columns] for view in views])
-
-
-def _scaled(value: float | None, scale: float, digits: int = 4) -> str:
-    return NOTHING if value is None else number(scale * value, digits)
+def point_table(columns: Sequence[Column], views: Sequence[PointView]) -> blocks.Table:
+    """One row for each point; a column without any value is left out."""
+    display = views[0].display if views else SI
+    cells = [[column.cell(view) for column in columns] for view in views]
+    filled = [
+        place for place, column in enumerate(columns)
+        if column is POINT or any(plain(row[place]) not in {"", NOTHING} for row in cells)
+    ]
+    heads = [
+        blocks.Column(
+            columns[place].title,
+            shown_as(display, columns[place].shown).unit if columns[place].shown else columns[place].unit,
+            columns[place].numeric,
+        ) for place in filled
+    ]
+    return blocks.table(heads, [[row[place] for place in filled] for row in cells])
 
 
 def _remarks(view: PointView) -> str:
@@ -76,32 +105,51 @@ def _remarks(view: PointView) -> str:
     return "\n".join(remarks)
 
 
-def _sensor_delay(view: PointView) -> str:
-    point = view.point
-    if point.imported:
-        return NOTHING
-    if point.quality.skew.value_s is None:
-        return f"{PLUS_MINUS} {number(1e3 * point.skew_std_s, 2)}"
-    return plus_minus(Estimate(point.skew_s, point.skew_std_s).times(1e3))
-
-
 POINT = words("Point", lambda view: view.point.id)
+
+
+def _of_standard(
+    title: str, unit: str, read: Callable[[LoopCharacteristics, Display], tuple[float, float]], shown: str = "",
+) -> Column:
+    """A column of a result of the standard tests, with its standard uncertainty, both as they are shown."""
+    def cell(view: PointView) -> Words:
+        return NOTHING if view.standard is None else with_uncertainty(*read(view.standard, view.display))
+
+    return Column(title, unit, cell, shown=shown)
+
+
+def _peak(of: int) -> Callable[[PointView], Words]:
+    """A point's peak force in rebound (0) or compression (1), rounded to its uncertainty."""
+    def cell(view: PointView) -> Words:
+        peak = view.peak_force
+        if peak is None or not peak.known:
+            return NOTHING
+        std_N = math.nan if view.standard is None else peak_force_std_N(view.standard)
+        return known_digits(view.display.force.signed(peak[of]), view.display.force.value(std_N))
+
+    return cell
+
 
 TEST_POINTS = (
     POINT,
-    words("Waveform", lambda view: view.point.motion),
-    quantity("A", "mm", lambda point: _requested(point, point.amplitude_m), scale=1e3),
-    quantity("A measured", "mm", lambda point: point.quality.motion.amplitude_m, scale=1e3),
-    quantity("f", "Hz", lambda point: _requested(point, point.frequency_Hz) if point.has_frequency else None),
-    quantity("f measured", "Hz", lambda point: point.quality.motion.frequency_Hz),
-    quantity("I", "A", lambda point: point.current_A),
-    quantity("Cycles", "", lambda point: point.quality.motion.cycles if point.has_frequency else None, digits=3),
-    Column("Lost", "", lambda view: str(view.point.lost_samples)),
-    Column("Sensor delay", "ms", _sensor_delay),
+    words("Motion", lambda view: motion_of(view)),
+    Column("Current", "A", lambda view: number(view.level_A, 3)),
+    Column("Peak velocity", "", lambda view: NOTHING if view.standard is None else number(
+        view.display.speed.value(view.standard.peak_speed_m_s), 3), shown="speed"),
+    Column("Peak rebound", "", _peak(0), shown="force"),
+    Column("Peak compression", "", _peak(1), shown="force"),
+    _of_standard("Rebound at peak velocity", "", lambda loop, display: (
+        display.force.signed(loop.rebound_N.value), display.force.value(loop.rebound_N.std)), "force"),
+    _of_standard("Compression at peak velocity", "", lambda loop, display: (
+        display.force.signed(loop.jounce_N.value), display.force.value(loop.jounce_N.std)), "force"),
+    _of_standard("Energy", "J", lambda loop, _: (loop.energy_J.value, loop.energy_J.std)),
+    _of_standard("Damping", "", lambda loop, display: (
+        display.damping.value(loop.equivalent_damping_N_s_m.value),
+        display.damping.value(loop.equivalent_damping_N_s_m.std)), "damping"),
+    Column("Model error", "%", lambda view: number(view.error_percent, 3)),
     words("Verdict", lambda view: verdict(view.point.verdict)),
-    Column("Error", "%", lambda view: number(view.error_percent, 3)),
     words("Remarks", _remarks),
-)
+)  # fmt: skip
 
 
 def _requested(point: RecordedPoint, value: float) -> float | None:
@@ -110,130 +158,106 @@ def _requested(point: RecordedPoint, value: float) -> float | None:
 
 
 def points_table(views: Sequence[PointView]) -> Blocks:
-    """Requested and measured motion, verdict and reasons, error of the fit."""
-    note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
+    """The one table of points: motion, forces, error of the fit, verdict and reasons."""
+    note = (
+        f"Peak rebound and compression: largest force of the mean cycle in each direction. {PLUS_MINUS}: one standard "
+        "uncertainty due to the variation between cycles. Damping: viscous damper that dissipates the same energy. Model "
+        "error: 100 × RMS error / largest deviation of the force from its mean."
+    )
     if not all(view.point.imported for view in views):
         note += (
-            " Sensor delay: delay of the force relative to the displacement, in addition to the declared delays. The "
-            f"sensor delay is corrected; {PLUS_MINUS} is one standard deviation of the remaining delay. The word in "
-            "brackets after a remark indicates whether the cause is the specimen, the bench or the test."
+            " The word in brackets after a remark states whether the cause is the specimen, the bench or the test."
         )
     return [*section("Test points", note), point_table(TEST_POINTS, views)]
 
 
 def _amplitude(view: PointView) -> str:
-    motion = view.point.quality.motion
-    if motion.amplitude_m is None or not motion.amplitude_std_m:
-        return _scaled(motion.amplitude_m, 1e3)
-    return plus_minus(Estimate(motion.amplitude_m, motion.amplitude_std_m).times(1e3))
+    motion, display = view.point.quality.motion, view.display.displacement
+    if motion.amplitude_m is None:
+        return NOTHING
+    return with_uncertainty(display.value(motion.amplitude_m), display.value(motion.amplitude_std_m or 0.0))
 
 
 def _amplitude_error_percent(point: RecordedPoint) -> float | None:
     measured_m = point.quality.motion.amplitude_m
-    if measured_m is None or not point.motion_requested:
+    if measured_m is None or not point.motion_requested or point.amplitude_m == 0.0:
         return None
     return 100.0 * (measured_m / point.amplitude_m - 1.0)
 
 
+def _correction_percent(point: RecordedPoint) -> float | None:
+    commanded_m = point.commanded.amplitude_m
+    if commanded_m is None or point.amplitude_m == 0.0:
+        return None
+    return 100.0 * (commanded_m / point.amplitude_m - 1.0)
+
+
+LEAST_CURRENT_STD_A = 5e-4
+"""Smallest uncertainty to which a current is rounded: an ECU's digits beyond it mean nothing."""
+
 ACHIEVED = (
     POINT,
-    quantity("A requested", "mm", lambda point: _requested(point, point.amplitude_m), scale=1e3),
-    quantity("A commanded", "mm", lambda point: point.commanded.amplitude_m, scale=1e3),
-    Column("A measured", "mm", _amplitude),
+    quantity("Amplitude requested", "", lambda point: _requested(point, point.amplitude_m), shown="displacement"),
+    Column("Measured", "", _amplitude, shown="displacement"),
     quantity("Amplitude error", "%", _amplitude_error_percent, digits=2),
-    quantity("Mean", "mm", lambda point: point.quality.motion.mean_m, scale=1e3, digits=3),
-    quantity("f", "Hz", lambda point: point.quality.motion.frequency_Hz),
-    quantity("Phase", "\N{DEGREE SIGN}", lambda point: point.quality.motion.phase_deg, digits=3),
+    quantity("Command correction", "%", _correction_percent, digits=2),
+    quantity("Mean", "", lambda point: point.quality.motion.mean_m, digits=3, shown="displacement"),
+    quantity("Frequency requested", "Hz", lambda point: (
+        _requested(point, point.frequency_Hz) if point.has_frequency and not point.at_rest else None)),
+    quantity("Measured", "Hz", lambda point: point.quality.motion.frequency_Hz),
+    quantity("Cycles", "", lambda point: point.quality.motion.cycles if point.has_frequency else None, digits=5),
+    quantity("Phase", "°", lambda point: point.quality.motion.phase_deg, digits=3),
     quantity("Distortion", "%", lambda point: point.quality.motion.distortion, scale=100.0, digits=2),
     Column("Current", "A", lambda view: _current(view.point.quality.current)),
     quantity("Current SD", "mA", lambda point: point.quality.current.std_A, scale=1e3, digits=2),
-)
+    quantity("Coil, lowest", "", lambda point: point.quality.coil_low_degC, shown="temperature"),
+    quantity("Coil, highest", "", lambda point: point.quality.coil_high_degC, shown="temperature"),
+    Column("Lost samples", "", lambda view: str(view.point.lost_samples) if view.point.lost_samples else NOTHING),
+)  # fmt: skip
 
 
 def _current(current: CurrentQuality) -> str:
-    if current.mean_A is None or not current.std_A:
-        return number(current.mean_A)
-    return signed(Estimate(current.mean_A, current.std_A).alone)
-
-
-def achieved_table(points: Sequence[RecordedPoint]) -> Blocks:
-    """Commanded and measured motion and current of every point that moved."""
-    moved = [point for point in points if point.quality.motion.amplitude_m is not None and point.amplitude_m != 0.0]
-    if not moved:
-        return []
-    note = (
-        f"Mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Phase: measured displacement "
-        "relative to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal "
-        "waveform. The values for each cycle are stored in the point file."
-    )
-    return [*section("Achieved motion and current", note), point_table(ACHIEVED, _views(moved))]
-
-
-def _views(points: Iterable[RecordedPoint]) -> list[PointView]:
-    return [PointView(point, None) for point in points]
-
-
-def _amplitude_achieved(view: PointView) -> str:
-    motion, commanded_m = view.point.quality.motion, view.point.commanded.amplitude_m
-    if motion.amplitude_m is None or commanded_m is None:
+    if current.mean_A is None:
         return NOTHING
-    std_m = math.nan if motion.amplitude_std_m is None else motion.amplitude_std_m
-    std_m /= math.sqrt(max(1, motion.cycles or 1))
-    achieved = f"{number(100.0 * motion.amplitude_m / commanded_m, 4)} {PLUS_MINUS} "
-    return achieved + number(100.0 * CONFIDENCE * std_m / commanded_m, 1)
+    return known_digits(current.mean_A, max(current.std_A or 0.0, LEAST_CURRENT_STD_A))
 
 
-def _correction_percent(point: RecordedPoint) -> float | None:
-    commanded_m = point.commanded.amplitude_m
-    return None if commanded_m is None else 100.0 * (commanded_m / point.amplitude_m - 1.0)
-
-
-CONDITIONS = (
-    POINT,
-    quantity("f", "Hz", lambda point: point.frequency_Hz),
-    Column("Amplitude achieved", "%", _amplitude_achieved),
-    quantity("Command correction", "%", _correction_percent, digits=3),
-    quantity("Lowest coil temperature", "\N{DEGREE SIGN}C", lambda point: point.quality.coil_low_degC),
-    quantity("Highest", "\N{DEGREE SIGN}C", lambda point: point.quality.coil_high_degC),
-)
-
-
-def conditions(points: Sequence[RecordedPoint], log: Sequence[Mapping[str, Any]]) -> Blocks:
-    """Amplitude and temperature of every point that moved, and the journal's lines on both; empty without any."""
-    driven = [
-        point for point in points
-        if point.quality.motion.amplitude_m is not None and (point.commanded.amplitude_m or 0.0) > 0.0
-        and point.amplitude_m > 0.0
-    ]
-    if not driven:
-        return []
-    step = f"{PLUS_MINUS}{number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)} K"
-    note = (
-        "Amplitude achieved: ratio of measured to commanded amplitude, with the 95 % interval of the mean over the "
-        f"cycles. The ECU reports the coil temperature with a quantisation error of up to {step}; the sensor's own "
-        "error is not included."
-    )
+def point_details(views: Sequence[PointView], log: Sequence[Mapping[str, Any]]) -> Blocks:
+    """Motion, current and temperature of every point in detail, then clocks and delays; folded on screen."""
+    moved = [view for view in views if view.point.quality.motion.amplitude_m is not None]
+    parts: list[blocks.Block] = []
+    if moved:
+        step_K = number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)
+        note = (
+            f"Amplitude: mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Command "
+            "correction: commanded amplitude relative to the requested amplitude. Phase: measured displacement relative "
+            "to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal waveform. "
+            f"The ECU reports the coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; the "
+            "sensor's own error is not included. The values for each cycle are stored in the point file."
+        )
+        parts.append(Details("Achieved motion, current and temperature", (
+            Paragraph(note, small=True), point_table(ACHIEVED, moved),
+        )))  # fmt: skip
+    parts += time_base(views)
     lines = [
         str(line.get("text", NOTHING)) for line in log
         if line["event"] == "info" and line.get("code") in CONDITION_CODES
     ]
-    return [
-        *section("Test conditions", note), point_table(CONDITIONS, _views(driven)),
-        *([Items(tuple(lines))] if lines else []),
-    ]  # fmt: skip
+    parts += [Items(tuple(lines))] if lines else []
+    return [*section("Details of the points"), *parts] if parts else []
 
 
 def _drift(sensor: SensorQuality) -> str:
     if sensor.clock_drift_ppm is None or sensor.clock_drift_std_ppm is None:
         return NOTHING
-    return plus_minus(Estimate(sensor.clock_drift_ppm, CONFIDENCE * sensor.clock_drift_std_ppm))
+    return with_uncertainty(sensor.clock_drift_ppm, CONFIDENCE * sensor.clock_drift_std_ppm)
 
 
 def _force_delay(view: PointView) -> str:
     point = view.point
     if point.quality.skew.value_s is None:
         return NOTHING
-    return signed(Estimate(point.skew_s, CONFIDENCE * point.skew_std_s).times(1e3).alone)
+    return known_digits(1e3 * point.skew_s, 1e3 * CONFIDENCE * point.skew_std_s)
 
 
 def _checked(view: PointView) -> str:
@@ -265,11 +289,12 @@ TIME_BASE = (
 )
 
 
-def time_base(points: Sequence[RecordedPoint]) -> Blocks:
+def time_base(views: Sequence[PointView]) -> Blocks:
     """Clocks, drifts and sensor delays of every recorded point, and the delays of the campaign as a whole."""
-    points = [point for point in points if point.quality.force.clock_std_s is not None]
-    if not points:
+    recorded = [view for view in views if view.point.quality.force.clock_std_s is not None]
+    if not recorded:
         return []
+    points = [view.point for view in recorded]
     note = (
         "All sample times are referenced to the controller's clock. Force delay: delay of the force relative to the "
         "displacement, in addition to the delays declared in the bench file; this delay is corrected. Delays "
@@ -278,10 +303,8 @@ def time_base(points: Sequence[RecordedPoint]) -> Blocks:
         "disagrees with the declared delays, and the remaining delay includes the difference. Arrival delay: delay "
         "that would remain if samples were paired by time of arrival (real time only). Intervals: 95 %."
     )
-    return [
-        *section("Time base and sensor delays", note), *_pooled(points), *_not_stated(points),
-        point_table(TIME_BASE, _views(points)),
-    ]  # fmt: skip
+    rows = (Paragraph(note, small=True), point_table(TIME_BASE, recorded))
+    return [*_pooled(points), *_not_stated(points), Details("Time base and sensor delays", rows)]
 
 
 def _not_stated(points: Sequence[RecordedPoint]) -> Blocks:
@@ -296,6 +319,11 @@ def _not_stated(points: Sequence[RecordedPoint]) -> Blocks:
         "The bench file does not state ", Code("delay"), f" for {' and '.join(sorted(unstated))}: 0 ms is assumed, "
         "with a standard uncertainty of 0.7 ms if the delay could not be checked.",
     ))]  # fmt: skip
+
+
+def _end_ms(end_s: float, width_s: float) -> str:
+    """An end of an interval, rounded to half its width."""
+    return known_digits(1e3 * end_s, 0.5e3 * width_s)
 
 
 _OF_STATE: dict[str, Words] = {
@@ -323,12 +351,11 @@ def _pooled(points: Sequence[RecordedPoint]) -> Blocks:
     low_s, high_s = used.delays.interval_s
     unstated = all(point.test.get("controller_input_delay_s") is None for point in points)
     stated = _OWN_INPUTS if unstated else _OF_STATE[used.delays.state]
-    corrected = Estimate(used.delays.value_s, CONFIDENCE * used.std_s).times(1e3)
-    left_ms = number(1e3 * CONFIDENCE * used.std_s, 2)
+    left_ms = 1e3 * CONFIDENCE * used.std_s
     return [Paragraph((
         "For all points combined, the signals show that the force lags the displacement by ",
-        Strong(f"{number(1e3 * low_s, 3)} to {number(1e3 * high_s, 3)} ms"), " in addition to the declared delays.",
+        Strong(f"{_end_ms(low_s, high_s - low_s)} to {_end_ms(high_s, high_s - low_s)} ms"), " in addition to the declared delays.",
         *(stated if isinstance(stated, tuple) else (stated,)),
-        f" Correction applied: {signed(corrected.alone)} ms. The uncertainty of this correction, "
-        f"{PLUS_MINUS}{left_ms} ms, also affects the fit.",
+        f" Correction applied: {with_uncertainty(1e3 * used.delays.value_s, left_ms)} ms. The uncertainty of this "
+        "correction also affects the fit.",
     ))]  # fmt: skip

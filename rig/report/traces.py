@@ -62,14 +62,18 @@ def _speed(view: PointView) -> float:
 def trace_figures(view: PointView) -> dict[str, Figure]:
     """A test's figures over time by name: `displacement`, `force`, `current`, `cycle`."""
     point, drawn = view.point, {}
-    channels = {"displacement": ("mm", 1e3), "force": ("N", 1.0), "current": ("A", 1.0)}
+    display = view.display
     try:
         time_s = point.time_s
-        values = {"displacement": point.displacement_m, "force": point.force_N, "current": point.current_measured_A}
+        values = {
+            "displacement": (display.displacement.unit, display.displacement.signed(point.displacement_m)),
+            "force": (display.force.unit, display.force.signed(point.force_N)),
+            "current": ("A", point.current_measured_A),
+        }
     except RigError:
         return {}
-    for name, (unit, scale) in channels.items():
-        at_s, drawn_values = envelope(time_s, scale * values[name])
+    for name, (unit, shown) in values.items():
+        at_s, drawn_values = envelope(time_s, shown)
         title, time = f"{name.capitalize()} vs. time, {point.id}", Axis(f"{name.capitalize()} ({unit}) vs. time", "s")
         drawn[name] = Figure(
             time, Axis(), [Trace(at_s - at_s[0], drawn_values, Style.THIN, name)], WIDTH, HEIGHT, title=title
@@ -77,10 +81,10 @@ def trace_figures(view: PointView) -> dict[str, Figure]:
     loop = view.loop
     if loop is not None and point.frequency_Hz > 0.0 and point.kind != SIGNAL:
         at_ms = 1e3 * loop.phase / point.frequency_Hz
-        traces = [Trace(at_ms, loop.force_N, name="measured")]
+        traces = [Trace(at_ms, display.force.signed(loop.force_N), name="measured")]
         if loop.fitted_N is not None:
-            traces.append(Trace(at_ms, loop.fitted_N, Style.FITTED, "fitted"))
-        time = Axis("Force (N) vs. time in the cycle", "ms")
+            traces.append(Trace(at_ms, display.force.signed(loop.fitted_N), Style.FITTED, "fitted"))
+        time = Axis(f"Force ({display.force.unit}) vs. time in the cycle", "ms")
         drawn["cycle"] = Figure(time, Axis(), traces, WIDTH, 130, title=f"One cycle from {point.id}")
     return drawn
 

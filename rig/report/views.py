@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
+from rig.display import SI, Display
 from rig.document.figure import thinned
 from rig.errors import RigError, evaluating
 from rig.fits.entries import TestError
@@ -19,6 +20,7 @@ from rig.identification.points.preparation import prepare
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
+from rig.signals.peak_force import PeakForce
 from rig.test_point import HYBRID
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
@@ -43,7 +45,7 @@ class Loop:
 class PointView:
     """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit; None without.
 
-    `placed` is the level of current (A) and the motion (amplitude in m, frequency in Hz) to which a loop belongs.
+    `standard` are the results of the standard tests of a loop, `display` the units and signs in which all is shown.
     """
 
     point: RecordedPoint
@@ -52,7 +54,8 @@ class PointView:
     error: TestError | None = None
     held_out: bool = False
     measured: Measurement | None = field(default=None, repr=False)
-    placed: tuple[float, tuple[float, float]] | None = None
+    standard: LoopCharacteristics | None = field(default=None, repr=False)
+    display: Display = SI
 
     @property
     def error_percent(self) -> float | None:
@@ -66,20 +69,34 @@ class PointView:
         return () if self.error is None else self.error.beyond or ()
 
     @property
+    def peak_force(self) -> PeakForce | None:
+        """The largest forces (N); None where the force was not recorded."""
+        if self.standard is not None:
+            return self.standard.peak_force_N
+        try:
+            return self.point.peak_force_N
+        except RigError:
+            return None
+
+    @property
     def level_A(self) -> float:
         """The level of current to which the point belongs (A)."""
-        return self.point.current_A if self.placed is None else self.placed[0]
+        return self.point.current_A if self.standard is None else self.standard.level_A
 
     @property
     def group(self) -> str:
         """The motion to which the point belongs, in words."""
-        return motion_of(self) if self.placed is None else motion_words(self.point.waveform, *self.placed[1])
+        if self.standard is None:
+            return motion_of(self)
+        return motion_words(self.point.waveform, *self.standard.group, display=self.display)
 
 
-def placed_views(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> list[PointView]:
-    """The points with the level of current and the motion to which the standard tests say that they belong."""
-    known = {loop.id: (loop.level_A, loop.group) for loop in loops}
-    return [replace(view, placed=known.get(view.point.id)) for view in views]
+def completed_views(
+    views: Sequence[PointView], loops: Sequence[LoopCharacteristics], display: Display
+) -> list[PointView]:
+    """The points with the results of the standard tests, as they are to be shown."""
+    known = {loop.id: loop for loop in loops}
+    return [replace(view, standard=known.get(view.point.id), display=display) for view in views]
 
 
 def view_of(
@@ -132,10 +149,10 @@ def motion_of(view: PointView) -> str:
     """A point's motion as people say it: "sine, 50 mm, 1 Hz"; of what has no frequency, "road iso8608-c, 10 mm"."""
     point = view.point
     if not point.has_frequency:
-        return f"{point.motion}, {1e3 * point.amplitude_m:.3g} mm"
-    return motion_words(point.waveform, point.amplitude_m, point.frequency_Hz)
+        return f"{point.motion}, {view.display.displacement.text(point.amplitude_m, 3)}"
+    return motion_words(point.waveform, point.amplitude_m, point.frequency_Hz, display=view.display)
 
 
-def motion_words(waveform: str, amplitude_m: float, frequency_Hz: float) -> str:
+def motion_words(waveform: str, amplitude_m: float, frequency_Hz: float, *, display: Display = SI) -> str:
     """A motion as people say it: "sine, 50 mm, 1 Hz"."""
-    return f"{waveform}, {1e3 * amplitude_m:.4g} mm, {frequency_Hz:.4g} Hz"
+    return f"{waveform}, {display.displacement.text(amplitude_m)}, {frequency_Hz:.4g} Hz"

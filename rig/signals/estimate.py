@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.signals.arrays import FloatArray
+from rig.signals.rounding import places_of, rounded
 
 PROBABLE = 2.0
 """Standard deviations."""
@@ -43,29 +44,22 @@ class Estimate:
     @property
     def signed(self) -> str:
         """`+5.00 +- 0.08`."""
-        return f"{self._rounded:+.{self._places}f} +- {self.std:.{self._places}f}"
+        return f"{'' if self.alone.startswith('-') else '+'}{self.plain}"
 
     @property
     def plain(self) -> str:
         """`2.00 +- 0.08`, a minus where there is one."""
-        return f"{self._rounded:.{self._places}f} +- {self.std:.{self._places}f}"
+        return f"{self.alone} +- {rounded(self.std, self._places) if math.isfinite(self.std) else self.std}"
 
     @property
     def alone(self) -> str:
         """The value without its deviation, with no more digits than that lets be known."""
-        return f"{self._rounded:.{self._places}f}"
-
-    @property
-    def _rounded(self) -> float:
-        """The value as far as its deviation lets it be known, never a minus zero."""
-        return round(self.value, self._places) + 0.0
+        return rounded(self.value, self._places) if math.isfinite(self.value) else f"{self.value}"
 
     @property
     def _places(self) -> int:
-        """Decimal places that show the deviation to two digits."""
-        if not math.isfinite(self.std) or self.std <= 0.0:
-            return 2
-        return min(6, max(0, 1 - math.floor(math.log10(self.std))))
+        """Decimal places that the deviation lets be known."""
+        return places_of(self.std) if math.isfinite(self.std) and self.std > 0.0 else 2
 
     def times(self, factor: float) -> Estimate:
         """The same in another unit, or over a span."""
