@@ -96,10 +96,11 @@ class Facts:
 
 @dataclass(frozen=True)
 class Keys:
-    """The key of the figures that follow."""
+    """The key of the figures that follow; on `paper` only where a screen shows the same key above."""
 
     keys: tuple[Key, ...]
     label: str = ""
+    paper: bool = False
 
 
 @dataclass(frozen=True)

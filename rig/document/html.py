@@ -113,7 +113,7 @@ def _facts(block: b.Facts) -> str:
 
 
 def _keys(block: b.Keys) -> str:
-    return f'<p class="key">{_text(block.label)}{inline(block.keys)}</p>'
+    return f'<p class="key{" paper" if block.paper else ""}">{_text(block.label)}{inline(block.keys)}</p>'
 
 
 def _figures(block: b.Figures) -> str:
@@ -176,7 +176,7 @@ def _details(block: b.Details) -> str:
 
 
 def _contents(document: b.Document) -> str:
-    links = "".join(f'<a href="#{_text(block.name)}">{_text(block.listed)}</a>' for block in document.listed)
+    links = " ".join(f'<a href="#{_text(block.name)}">{_text(block.listed)}</a>' for block in document.listed)
     return f'<nav aria-label="Contents">{links}</nav>' if links else ""
 
 
@@ -206,6 +206,7 @@ h1 {{ font-size:26px; line-height:1.25; margin:0 0 2px; overflow-wrap:anywhere; 
 .logo {{ height:64px; max-width:240px; object-fit:contain; flex:none; }}
 .beside {{ display:grid; gap:14px; align-items:start; }}
 .beside>div>:first-child {{ margin-top:0; }}
+.paper {{ display:none; }}
 .signatures {{ display:grid; grid-template-columns:repeat(auto-fit,minmax(240px,1fr)); gap:14px; margin:14px 0; }}
 .signatures div {{ display:grid; grid-template-columns:3fr 2fr; column-gap:14px; }}
 .signatures span,.signatures b {{ grid-column:1/3; }} .signatures span,.signatures i {{ color:var(--soft); }}
@@ -213,7 +214,7 @@ h1 {{ font-size:26px; line-height:1.25; margin:0 0 2px; overflow-wrap:anywhere; 
 h2 {{ font-size:20px; margin:30px 0 8px; padding-bottom:4px; border-bottom:2px solid var(--line); }}
 h3 {{ font-size:17px; margin:22px 0 8px; }}
 p.lead {{ margin:0 0 14px; color:var(--soft); max-width:75em; }}
-nav {{ margin:6px 0 8px; line-height:1.6; font-size:14px; }} nav a {{ margin-right:16px; color:{MEASURED}; }}
+nav {{ margin:4px 0 6px; line-height:1.5; font-size:14px; }} nav a {{ margin-right:16px; color:{MEASURED}; }}
 nav a {{ white-space:nowrap; text-decoration:none; }} nav a:hover {{ text-decoration:underline; }}
 h2[id] {{ scroll-margin-top:36px; }}
 .facts {{ display:flex; flex-wrap:wrap; gap:10px; margin:8px 0; }}
@@ -273,7 +274,7 @@ linear-gradient(to left,#0004,transparent) right/16px 100% no-repeat scroll,var(
 @page {{ @bottom-right {{ content:counter(page) " / " counter(pages); font-size:8pt; }} }}
 @media print {{
 body {{ background:#fff; font-size:8pt; line-height:1.3; print-color-adjust:exact; -webkit-print-color-adjust:exact; }}
-.mark {{ display:none; }} .sheet {{ break-after:page; }} .logo {{ height:14mm; }} .cover p {{ font-size:8pt; }}
+.mark {{ display:none; }} .paper {{ display:block; }} .sheet {{ break-after:page; }} .logo {{ height:14mm; }} .cover p {{ font-size:8pt; }}
 nav {{ font-size:7pt; }} main {{ max-width:none; padding:0; }} h1 {{ font-size:15pt; }} h2 {{ font-size:11pt; margin:10px 0 4px; }}
 h3 {{ font-size:9pt; margin:6px 0 3px; }} h1,h2,h3,header {{ break-after:avoid; }} p.lead {{ margin:0 0 4px; }}
 .wide {{ overflow:visible; border:0; }} table {{ font-size:6.5pt; }} thead {{ display:table-header-group; }}

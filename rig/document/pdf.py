@@ -152,6 +152,7 @@ class _Bookmark(Flowable):  # type: ignore[misc]  # the library has no annotatio
     """Marks where a heading is; draws nothing."""
 
     width = height = 0.0
+    _ZEROSIZE = True  # else a container does not draw it
 
     def __init__(self, level: int, title: str, name: str) -> None:
         super().__init__()
@@ -197,7 +198,8 @@ def _contents(links: Sequence[tuple[str, str]]) -> Flowables:
     half = math.ceil(len(links) / 2)
     lines = [_ContentsLine(name, title, WIDTH / 2 - 4 * GAP) for name, title in links]
     rows = [[lines[row], lines[half + row] if half + row < len(lines) else ""] for row in range(half)]
-    return [Grid(rows, colWidths=[WIDTH / 2] * 2, style=_BARE), Spacer(0, GAP)]
+    title = Flow("Contents", _style("h2"))
+    return [title, Grid(rows, colWidths=[WIDTH / 2] * 2, style=_BARE), Spacer(0, GAP)]
 
 
 class _OnePage(Flowable):  # type: ignore[misc]  # the same
@@ -232,7 +234,7 @@ def _style(name: str) -> ParagraphStyle:
     size, leading, before, after, colour = {
         "h1": (14, 17, 0, 1, INK), "h2": (10.5, 13, 7, 2, INK), "h3": (8.5, 10.5, 4, 1.5, INK),
         "p": (7, 8.6, 0, 2, INK), "lead": (6.5, 8, 0, 2, SOFT), "card": (6.5, 8, 0, 1, INK),
-        "fact": (7, 10, 0, 0, SOFT), "cell": (6, 7.2, 0, 0, INK), "right": (6, 7.2, 0, 0, INK),
+        "fact": (7, 10, 0, 0, SOFT), "cell": (6, 7.2, 0, 0, INK), "name": (6, 7.2, 0, 0, SOFT), "right": (6, 7.2, 0, 0, INK),
         "head": (6, 7.2, 0, 0, INK), "headright": (6, 7.2, 0, 0, INK),
     }[name]  # fmt: skip
     bold = name in {"h1", "h2", "h3", "head", "headright"}
@@ -264,8 +266,8 @@ def _span(span: Span) -> str:
         case Shade():
             return f'<font backColor="{style.shade_colour(span.share)}">{SPACE}{content}{SPACE}</font>'
         case Key():
-            sign = "\N{EN DASH} \N{EN DASH}" if span.dashed else "\N{EM DASH}\N{EM DASH}"
-            return f'<font color="{span.colour}"><b>{sign}</b></font> {content}{SPACE * 4} '
+            sign = f"\N{EN DASH}{SPACE}\N{EN DASH}" if span.dashed else "\N{EM DASH}\N{EM DASH}"
+            return f'<font color="{span.colour}"><b>{sign}</b></font>{SPACE}{content.replace(" ", SPACE)}{SPACE * 3} '
     return content
 
 
@@ -436,8 +438,8 @@ def _grid(cards: list[Flowables], columns: int, width: float) -> Grid:
 def _properties(block: b.Properties, width: float) -> Iterator[Any]:
     pairs = [(known(name), value) for name, value in block.shown]
     share = width / block.across
-    first = min(0.4 * share, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
-    cells = [[Flow(_text(name), _style("lead")), Flow(_text(value), _style("cell"))] for name, value in pairs]
+    first = min(0.45 * share, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
+    cells = [[Flow(_text(name), _style("name")), Flow(_text(value), _style("cell"))] for name, value in pairs]
     rows = [sum(cells[start : start + block.across], []) for start in range(0, len(cells), block.across)]
     if rows:
         rows[-1] += [""] * (2 * block.across - len(rows[-1]))
@@ -496,18 +498,19 @@ def _sheet(block: b.Sheet, _width: float) -> Iterator[Any]:
 
 
 def _signatures(block: b.Signatures, width: float) -> Iterator[Any]:
-    share = width / max(1, len(block.lines))
-    rows = [
+    count = max(1, len(block.lines))
+    share = (width - (count - 1) * 4 * GAP) / count
+    widths = [share if place % 2 == 0 else 4 * GAP for place in range(2 * count - 1)]
+    plain_rows = [
         [Flow(_text(text), _style("lead")) for text, _ in block.lines],
         [Flow(f"<b>{_text(name)}</b>", _style("p")) for _, name in block.lines],
         [Spacer(0, 7 * mm) for _ in block.lines],
         [Flow(f"Signature{SPACE * 24}Date", _style("lead")) for _ in block.lines],
     ]
-    rules = [("LINEABOVE", (place, 3), (place, 3), 0.5, SOFT) for place in range(len(block.lines))]
-    yield Spacer(0, GAP)
-    yield Grid(rows, colWidths=[share] * len(block.lines), style=[("RIGHTPADDING", (0, 0), (-1, -1), 12), *(
-        (f"{side}PADDING", (0, 0), (-1, -1), 0) for side in ("LEFT", "TOP", "BOTTOM")
-    ), *rules])  # fmt: skip
+    rows = [[cell for one in row for cell in (one, "")][:-1] for row in plain_rows]
+    rules = [("LINEABOVE", (2 * place, 3), (2 * place, 3), 0.5, SOFT) for place in range(count)]
+    yield Spacer(0, 2 * GAP)
+    yield Grid(rows, colWidths=widths, style=[*_BARE, *rules])
 
 
 def _items(block: b.Items, _width: float) -> Iterator[Any]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
+from rig.display import SI, Display
 from rig.document.blocks import Blocks, Column, Head, Heading, section, table
 from rig.document.numbers import NOTHING, number
 from rig.identification.models.measurement import Measurement
@@ -48,12 +49,13 @@ class Channel:
         return math.hypot(*(share.value for share in self.shares if math.isfinite(share.value)))
 
 
-def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> Blocks:
+def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics], display: Display = SI) -> Blocks:
     """Standard uncertainties of every channel at its peak, in the loop whose force changes fastest.
 
     Args:
         views: the points, with their measurements.
         loops: their characteristics.
+        display: the units in which forces and displacements are shown.
     """
     steepest = {loop.id: loop.steepest_N_s for loop in loops if math.isfinite(loop.steepest_N_s)}
     known = [
@@ -69,7 +71,7 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
     )
     drift_N = _drift_N([view.point for view in views])
     channels = channels_of(point, measured, steepest[point.id], drift_N)
-    return [*section("Uncertainty budget", note), *(block for channel in channels for block in _table(channel))]
+    return [*section("Uncertainty budget", note), *(block for channel in channels for block in _table(_shown(channel, display)))]
 
 
 def channels_of(
@@ -160,6 +162,16 @@ def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
             _certificate(peak, attributes.get("uncertainty_percent")),
             Share("single-sample noise", noise_of(values), "neighbouring samples"),
         ))
+
+
+def _shown(channel: Channel, display: Display) -> Channel:
+    """A channel in the units of the display."""
+    known = {"N": (display.force, 1.0), "mm": (display.displacement, 1e-3)}
+    if channel.unit not in known:
+        return channel
+    shown, si = known[channel.unit]
+    shares = tuple(replace(share, value=shown.value(si * share.value)) for share in channel.shares)
+    return replace(channel, unit=shown.unit, peak=shown.value(si * channel.peak), shares=shares)
 
 
 def _known(value: float | None) -> float:

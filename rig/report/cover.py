@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rig.campaign_folder import CampaignFolder
+from rig.display import Display
 from rig.document.blocks import Blocks, Cover, Heading, Note, Properties, Signatures
 from rig.document.moments import local_time
 from rig.document.numbers import number
@@ -137,7 +138,9 @@ def _imported(run: Run) -> bool:
     return any(point.imported for point in run.points)
 
 
-def conditions(run: Run, details: Details, load_cell: Mapping[str, object] | None = None) -> Blocks:
+def conditions(
+    run: Run, details: Details, display: Display, load_cell: Mapping[str, object] | None = None
+) -> Blocks:
     """Specimen, people and conditions of the test, and lines for the signatures."""
     table = details.table
     points = [point for point in run.points if point.verdict != "invalid"] or list(run.points)
@@ -146,8 +149,8 @@ def conditions(run: Run, details: Details, load_cell: Mapping[str, object] | Non
         **{label: details.specimen.get(key) for key, label in SPECIMEN_LABELS.items()},
         "Customer": table.customer, "Order number": table.order_number, "Laboratory": table.laboratory,
         "Operator": details.operator or "not given", "Bench": bench_of(run), "Load cell": _instrument(load_cell or {}),
-        "Motions": _motions(points), "Currents": _currents(points), "Cycles evaluated": _cycles(points),
-        "Coil temperature": _temperatures(points), "Conditions": table.conditions,
+        "Motions": _motions(points, display), "Currents": _currents(points), "Cycles evaluated": _cycles(points),
+        "Coil temperature": _temperatures(points, display), "Conditions": table.conditions,
     }  # fmt: skip
     notes: dict[str, object] = {"Notes": "\n".join(details.notes[:MOST_NOTES])}
     blocks: Blocks = [Heading("Specimen and test conditions"), Properties(stated, across=2)]
@@ -172,11 +175,12 @@ def _values(values: Iterable[float], unit: str) -> str:
     return f"{', '.join(map(number, known))} {unit}"
 
 
-def _motions(points: Sequence[RecordedPoint]) -> str:
+def _motions(points: Sequence[RecordedPoint], display: Display) -> str:
     lines = []
     for waveform in dict.fromkeys(point.waveform for point in points if point.has_frequency and not point.at_rest):
         own = [point for point in points if point.waveform == waveform and point.has_frequency]
-        amplitudes = _values((1e3 * point.amplitude_m for point in own), "mm")
+        shown = display.displacement
+        amplitudes = _values((shown.value(point.amplitude_m) for point in own), shown.unit)
         lines.append(f"{waveform}, {amplitudes}, {_values((point.frequency_Hz for point in own), 'Hz')}")
     lines += sorted({point.motion for point in points if not point.has_frequency})
     return "\n".join(lines)
@@ -193,12 +197,15 @@ def _cycles(points: Sequence[RecordedPoint]) -> str:
     return f"{counts[0]} per test" if len(counts) == 1 else f"{counts[0]} to {counts[-1]} per test"
 
 
-def _temperatures(points: Sequence[RecordedPoint]) -> str:
+def _temperatures(points: Sequence[RecordedPoint], display: Display) -> str:
     known = [
         value for point in points for value in (point.quality.coil_low_degC, point.quality.coil_high_degC)
         if value is not None
     ]
-    return f"{min(known):.1f} to {max(known):.1f} \N{DEGREE SIGN}C" if known else ""
+    if not known:
+        return ""
+    low, high = (display.temperature.value(end) for end in (min(known), max(known)))
+    return f"{low:.1f} to {high:.1f} {display.temperature.symbol}"
 
 
 def _matrix(run: Run) -> Mapping[str, object]:

@@ -14,6 +14,7 @@ from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hyb
 from rig.display import Display
 from rig.document import html
 from rig.document.blocks import (
+    Block,
     Blocks,
     Cards,
     Contents,
@@ -23,6 +24,7 @@ from rig.document.blocks import (
     Facts,
     Heading,
     Items,
+    Keys,
     Note,
     Paragraph,
     Properties,
@@ -122,18 +124,18 @@ def report_of(of: Material) -> Document:
     sheets = _sheets(of, measured)
     blocks: Blocks = [*sheets, Contents(screen=False)]
     if measured.first:
-        blocks += [*hybrid_section(of.hybrid), *signals_section(views)]
+        blocks += [*hybrid_section(of.hybrid, of.display), *signals_section(views)]
     blocks += model_section(of)
     blocks += section("Appendix", "All results, and how they were obtained.")
     if measured.rest:
         blocks += [Heading("Loops of further motions"), *measured.keys, Cards(measured.rest, large=True)]
     blocks += [*points_table(views), *point_details(views, of.log or ())]
     if fit is not None:
-        blocks += fit_sections.quality(fit)
+        blocks += fit_sections.quality(fit, of.display)
     blocks += [
         *loops.details(views, fitted=any(map(_has_fit, views))), *time_traces(views),
         *standard.standard_tests(of.characteristics, of.display), *instruments(run, of.sensors),
-        *budget(views, loops_of), *calibrations(of.sensors), *unsupported(of.log or ()),
+        *budget(views, loops_of, of.display), *calibrations(of.sensors), *unsupported(of.log or ()),
         *events(of.log), *installed_sections(run, fit), *provenance(run, fit, of.details),
     ]  # fmt: skip
     title = of.details.table.title or "Damper test report"
@@ -154,14 +156,19 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     if measured.rest:
         more = [Paragraph(f"Loops of {len(measured.rest)} further motions are in the appendix.", small=True)]
     if not measured.first:
-        second = [*hybrid_section(of.hybrid), *signals_section(of.views)]
+        second = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),
             *peak_forces(of.characteristics.loops, of.display), *heading, *first,
         )),
-        Sheet((*second, *more, *conditions(run, details, load_cell))),
+        Sheet((*_again(measured.keys if measured.first[on_first:] else ()), *second, *more, *conditions(run, details, of.display, load_cell))),
     )  # fmt: skip
+
+
+def _again(keys: Sequence[Block]) -> Blocks:
+    """The key of the figures once more, for the second printed page."""
+    return [replace(block, paper=True) for block in keys if isinstance(block, Keys)]
 
 
 def model_section(of: Material) -> Blocks:
@@ -170,8 +177,8 @@ def model_section(of: Material) -> Blocks:
     if fit is None:
         return [Heading("Model"), Paragraph("This run has no fit, so the report shows only measurements.")]
     return [
-        Heading("Model"), Facts(tuple(_errors(fit))), *fit_warnings(fit),
-        *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit), *loops.model_overview(of.views),
+        Heading("Model"), Facts(tuple(_errors(fit, of.display))), *fit_warnings(fit),
+        *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit, of.display), *loops.model_overview(of.views),
         *parameters_over_current(fit),
     ]  # fmt: skip
 
@@ -277,20 +284,20 @@ def _verdict(fit: FitRecord | None) -> list[Fact]:
     if fit is None:
         return []
     if fit.adequate is None:
-        return [Fact("Not evaluated", "model; no test has two full cycles in addition to its first and last")]
+        return [Fact("Model not evaluated", "no test has two full cycles in addition to its first and last")]
     if not fit.adequate:
-        return [Fact("Does not fit", "model; its error exceeds the repeatability of the tests", POOR)]
+        return [Fact("Model does not fit", "its error exceeds the repeatability of the tests", POOR)]
     error = f"{number(fit.error.nrmse_percent_of_peak, 2)} %"
-    return [Fact("Fits", f"model, within measurement noise; error {error} of peak force", GOOD)]
+    return [Fact("Model fits", f"within measurement noise; error {error} of peak force", GOOD)]
 
 
-def _errors(fit: FitRecord) -> list[Fact]:
+def _errors(fit: FitRecord, display: Display) -> list[Fact]:
     """The model, and its errors on fitted and other tests."""
     known = f"{len(fit.identifiable)} of {len(fit.parameters)}"
     facts = [
         Fact(fit.model, f"model, fitted by {fit_sections.METHODS.get(fit.method, fit.method)}"),
         Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error relative to peak force, mean of all tests"),
-        Fact(f"{number(fit.error.rmse_N, 3)} N", "RMS error"), Fact(known, "parameters identified"),
+        Fact(f"{number(display.force.value(fit.error.rmse_N), 3)} {display.force.unit}", "RMS error"), Fact(known, "parameters identified"),
     ]
     if fit.holdout is not None:
         meaning = f"error on validation tests{fit_sections.extrapolated_words(fit.holdout)}"

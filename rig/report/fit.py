@@ -6,12 +6,13 @@ Colours show how well a value is known: green an interval below 2 %, amber up to
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 import rig.dampers
 from rig.dampers.covered import in_words
+from rig.display import SI, Display, Shown
 from rig.document.blocks import (
     Blocks,
     Card,
@@ -82,7 +83,7 @@ def corrections(fit: FitRecord) -> Blocks:
     return [Paragraph(f"corrections: {'; '.join(stated)}")] if stated else []
 
 
-def parameters(fit: FitRecord) -> Blocks:
+def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
     """Fitted parameters with their intervals, then those that the data do not determine, and why."""
     meanings = _meanings(fit.model)
     again = [] if fit.drawn is None else [f"95 %, {fit.drawn.count} bootstrap samples"]
@@ -97,7 +98,7 @@ def parameters(fit: FitRecord) -> Blocks:
             reason = entry.reason or "not determined by the data"
             unknown.append([name, number(entry.value, 5), entry.unit, meaning, reason])
     head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
-    parts: Blocks = [Heading("Fitted parameters", 3), *_equation(fit), *corrections(fit), table(head, known, (1, 2))]
+    parts: Blocks = [Heading("Fitted parameters", 3), *_equation(fit, display), *corrections(fit), table(head, known, (1, 2))]
     if unknown:
         parts.append(Heading("Not identifiable from these data", 3))
         rows = [Row(tuple(cells), faded=True) for cells in unknown]
@@ -106,37 +107,41 @@ def parameters(fit: FitRecord) -> Blocks:
     return parts + [Paragraph(note, small=True) for note in fit.notes]
 
 
-RANGES = {
-    "displacement_m": ("Displacement about mid-stroke", 1e3, "mm"), "velocity_m_s": ("Velocity", 1.0, "m/s"),
-    "current_A": ("Current", 1.0, "A"), "temperature_degC": ("Coil temperature", 1.0, "\N{DEGREE SIGN}C"),
+RANGES: dict[str, tuple[str, Callable[[Display], Shown] | None]] = {
+    "displacement_m": ("Displacement about mid-stroke", lambda display: display.displacement),
+    "velocity_m_s": ("Velocity", lambda display: display.speed), "current_A": ("Current", None),
+    "temperature_degC": ("Coil temperature", lambda display: display.temperature),
 }  # fmt: skip
-"""Quantities of the tested range: title, factor, shown unit."""
+"""Quantities of the tested range: title, and how they are shown (None: in A)."""
 
 
-def _equation(fit: FitRecord) -> Blocks:
+def _equation(fit: FitRecord, display: Display) -> Blocks:
     """The model's equation, and the range in which the tests support it."""
     stated: Blocks = [Paragraph((Strong(fit.model), f": {fit.form}"))] if fit.form else []
     rows = []
     for name, ends in [] if fit.tested is None else fit.tested.ranges():
         if ends is not None:
-            title, scale, unit = RANGES[name]
-            rows.append([title, *(number(round(scale * end, 3) + 0.0, 4) for end in ends), unit])
+            title, shown = RANGES[name]
+            unit = "A" if shown is None else shown(display).symbol
+            low, high = ends if shown is None else sorted(map(shown(display).signed, ends))
+            rows.append([title, *(number(round(end, 3) + 0.0, 4) for end in (low, high)), unit])
     if not rows:
         return stated
     note = "The tests support the model only within these ranges; outside the ranges, the force is extrapolated."
     return [*stated, table(["Valid for", "from", "to", "Unit"], rows, (1, 2)), Paragraph(note, small=True)]
 
 
-def quality(fit: FitRecord) -> Blocks:
+def quality(fit: FitRecord, display: Display = SI) -> Blocks:
     """Errors, residuals and energy of each test, and how the parameters depend on each other."""
-    rows = [_test_row(test, "") for test in fit.error.per_test]
+    rows = [_test_row(test, "", display.force) for test in fit.error.per_test]
     if fit.holdout is not None:
-        rows += [_test_row(test, validation_words(test.beyond)) for test in fit.holdout.per_test]
+        rows += [_test_row(test, validation_words(test.beyond), display.force) for test in fit.holdout.per_test]
     if not rows:
         return []
+    unit = display.force.unit
     head: list[Head] = [
-        Column("Test"), Column("Error", "%", True), Column("RMS error", "N", True), Column("Cycle SD", "N", True),
-        Column("Noise", "N", True), Column("Systematic residual", "N", True), Column("Whiteness p", "", True),
+        Column("Test"), Column("Error", "%", True), Column("RMS error", unit, True), Column("Cycle SD", unit, True),
+        Column("Noise", unit, True), Column("Systematic residual", unit, True), Column("Whiteness p", "", True),
         Column("Energy", "J", True), Column("Modelled", "J", True), Column("Remark"),
     ]  # fmt: skip
     note = (
@@ -159,7 +164,7 @@ def _passivity(fit: FitRecord) -> Blocks:
     return [Paragraph((Label(word, severity), text))]
 
 
-def _test_row(test: TestError, remark: str) -> list[Words]:
+def _test_row(test: TestError, remark: str, force: Shown) -> list[Words]:
     residual = test.residual or Residual()
     white: Words = NOTHING
     if residual.known_p:
@@ -167,10 +172,14 @@ def _test_row(test: TestError, remark: str) -> list[Words]:
         good = least >= SMALLEST_WHITE_P
         white = Label(number(least, 2) if good else f"< {SMALLEST_WHITE_P:g}", GOOD if good else FAIR)
     return [
-        test.id, number(test.nrmse_percent_of_peak, 3), number(test.rmse_N, 3), number(test.noise_N, 3),
-        number(residual.noise_N, 3), number(residual.repeating_N, 2), white, number(test.energy_J),
+        test.id, number(test.nrmse_percent_of_peak, 3), _force(test.rmse_N, force), _force(test.noise_N, force),
+        _force(residual.noise_N, force), _force(residual.repeating_N, force, 2), white, number(test.energy_J),
         number(test.modelled_energy_J), remark,
     ]  # fmt: skip
+
+
+def _force(value_N: float | None, force: Shown, digits: int = 3) -> str:
+    return number(None if value_N is None else force.value(value_N), digits)
 
 
 def _bootstrapped(fit: FitRecord, name: str) -> list[Words]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rig.characteristics.hybrid_tests import HybridTest
+from rig.display import Display
 from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Heading, Keys, Note, section, table
 from rig.document.figure import Axis, Figure, Trace, thinned
 from rig.document.numbers import NOTHING, number
@@ -32,7 +33,7 @@ SHOWN_S = 2.0
 MOST_DRAWN = 1500
 
 
-def hybrid_section(tests: Sequence[HybridTest]) -> Blocks:
+def hybrid_section(tests: Sequence[HybridTest], display: Display) -> Blocks:
     """Table and plots of the run's hybrid tests; empty without any."""
     if not tests:
         return []
@@ -40,7 +41,7 @@ def hybrid_section(tests: Sequence[HybridTest]) -> Blocks:
     missing = [test.id for test in tests if test.record is None]
     if missing:
         parts.append(Note(FAIR, f"The recording is too short for a comparison: {', '.join(missing)}."))
-    return parts + [block for test in tests if test.record is not None for block in _plots(test, test.record)]
+    return parts + [block for test in tests if test.record is not None for block in _plots(test, test.record, display)]
 
 
 def _row(test: HybridTest) -> tuple[str, ...]:
@@ -59,22 +60,22 @@ def _number(value: float | None) -> str:
     return NOTHING if value is None else number(value, 3)
 
 
-def _plots(test: HybridTest, record: Record) -> Blocks:
+def _plots(test: HybridTest, record: Record, display: Display) -> Blocks:
     """Rod against target over a short time, body against reference over all of it."""
     time = Axis("Time", "s")
     middle_s = 0.5 * (record.time_s[0] + record.time_s[-1])
     near = abs(record.time_s - middle_s) <= 0.5 * SHOWN_S
     tracking = Figure(
-        time, Axis("Extension", "mm"),
-        [_trace(record.time_s[near], record.target_m[near], "target", OVERLAID),
-         _trace(record.time_s[near], record.measured_m[near], "rod", MEASURED)],
+        time, Axis(display.displacement.title("Extension"), display.displacement.unit),
+        [_trace(record.time_s[near], display.displacement.signed(record.target_m[near]), "target", OVERLAID),
+         _trace(record.time_s[near], display.displacement.signed(record.measured_m[near]), "rod", MEASURED)],
         480, 260, title=f"{test.id}: rod and target",
     )
     rows = thinned(len(record.time_s), MOST_DRAWN)
     body = Figure(
-        time, Axis("Body", "mm"),
-        [_trace(record.time_s[rows], record.reference_m[rows, 1], "reference", FITTED),
-         _trace(record.time_s[rows], record.body_m[rows], "hybrid", MEASURED)],
+        time, Axis("Body", display.displacement.unit),
+        [_trace(record.time_s[rows], display.displacement.value(record.reference_m[rows, 1]), "reference", FITTED),
+         _trace(record.time_s[rows], display.displacement.value(record.body_m[rows]), "hybrid", MEASURED)],
         480, 260, title=f"{test.id}: body",
     )
     keys = (Key("rod, hybrid", MEASURED), Key("target", OVERLAID), Key("complete simulation", FITTED))
@@ -82,5 +83,5 @@ def _plots(test: HybridTest, record: Record) -> Blocks:
     return [Heading(test.id, 3), Keys(keys), cards]
 
 
-def _trace(time_s: FloatArray, values_m: FloatArray, name: str, colour: str) -> Trace:
-    return Trace(time_s, 1e3 * values_m, name=name, colour=colour)
+def _trace(time_s: FloatArray, values: FloatArray, name: str, colour: str) -> Trace:
+    return Trace(time_s, values, name=name, colour=colour)

@@ -33,9 +33,9 @@ def peak_forces(loops: Sequence[LoopCharacteristics], display: Display) -> Block
     table_blocks: tuple[Block, ...] = tuple(_table(known, display))
     figure = peak_velocity_plot(known, display)
     if figure is None:
-        return [Heading("Peak forces"), *table_blocks]
+        return [Heading("Peak forces and peak-velocity plot (PVP)", listed="Peak forces"), *table_blocks]
     plot = (_keys(known), Figures((figure,)))
-    return [Heading("Peak forces"), Beside(plot, table_blocks, SHARE)]
+    return [Heading("Peak forces and peak-velocity plot (PVP)", listed="Peak forces"), Beside(plot, table_blocks, SHARE)]
 
 
 def levels_of(loops: Sequence[LoopCharacteristics]) -> list[float]:
@@ -96,7 +96,7 @@ def _by_velocity_and_current(
     ordered = sorted(by_motion.items(), key=lambda item: _speed(item[1]))
     named = len({(waveform, amplitude_m) for waveform, amplitude_m, _ in by_motion}) > 1
     head: list[Head] = [
-        Column("Peak velocity", display.speed.unit, True), *([Column("Motion")] if named else []),
+        Column("Peak velocity", display.speed.unit), *([Column("Motion")] if named else []),
         *(Column(f"{number(level)} A", "", True) for level in levels),
     ]  # fmt: skip
     rows: list[Row] = []

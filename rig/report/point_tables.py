@@ -89,7 +89,7 @@ def point_table(columns: Sequence[Column], views: Sequence[PointView]) -> blocks
     heads = [
         blocks.Column(
             columns[place].title,
-            shown_as(display, columns[place].shown).unit if columns[place].shown else columns[place].unit,
+            shown_as(display, columns[place].shown).symbol if columns[place].shown else columns[place].unit,
             columns[place].numeric,
         ) for place in filled
     ]
@@ -210,8 +210,8 @@ ACHIEVED = (
     quantity("Distortion", "%", lambda point: point.quality.motion.distortion, scale=100.0, digits=2),
     Column("Current", "A", lambda view: _current(view.point.quality.current)),
     quantity("Current SD", "mA", lambda point: point.quality.current.std_A, scale=1e3, digits=2),
-    quantity("Coil, lowest", "", lambda point: point.quality.coil_low_degC, shown="temperature"),
-    quantity("Coil, highest", "", lambda point: point.quality.coil_high_degC, shown="temperature"),
+    quantity("Coil, lowest", "", lambda point: point.quality.coil_low_degC, digits=3, shown="temperature"),
+    quantity("Coil, highest", "", lambda point: point.quality.coil_high_degC, digits=3, shown="temperature"),
     Column("Lost samples", "", lambda view: str(view.point.lost_samples) if view.point.lost_samples else NOTHING),
 )  # fmt: skip
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rig.display import Display
 from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Keys, section, table
 from rig.document.figure import Axis, Figure, Trace, thinned
 from rig.document.numbers import NOTHING, number
@@ -17,12 +18,15 @@ from rig.report.views import PointView
 from rig.signals.arrays import FloatArray
 from rig.test_point import SIGNAL
 
-HEAD = (
-    Column("Point"), Column("Signal"), Column("Largest displacement", "mm", True), Column("Duration", "s", True),
-    Column("Evaluated", "s", True), Column("Highest frequency", "Hz", True), Column("I", "A", True),
-    Column("Tracking error", "%", True), Column("Delay", "ms", True), Column("Span achieved", "%", True),
-    Column("Fit error", "%", True), Column("Verdict"),
-)  # fmt: skip
+def _head(display: Display) -> tuple[Column, ...]:
+    return (
+        Column("Point"), Column("Signal"), Column("Largest displacement", display.displacement.unit, True), Column("Duration", "s", True),
+        Column("Evaluated", "s", True), Column("Highest frequency", "Hz", True), Column("I", "A", True),
+        Column("Tracking error", "%", True), Column("Delay", "ms", True), Column("Span achieved", "%", True),
+        Column("Fit error", "%", True), Column("Verdict"),
+    )  # fmt: skip
+
+
 NOTE = (
     "Each signal was streamed as individual set-points. The section between the ramps is evaluated and fitted. "
     "Tracking error: RMS deviation of the rod from its target after removal of the delay, relative to the RMS of the "
@@ -38,8 +42,8 @@ def signals_section(views: Sequence[PointView]) -> Blocks:
     shown = [view for view in views if view.point.kind == SIGNAL]
     if not shown:
         return []
-    parts: Blocks = [*section("Signals", NOTE), table(HEAD, [_row(view) for view in shown])]
-    drawn = tuple(made for view in shown if (made := _plots(view.point)) is not None)
+    parts: Blocks = [*section("Signals", NOTE), table(_head(shown[0].display), [_row(view) for view in shown])]
+    drawn = tuple(made for view in shown if (made := _plots(view.point, view.display)) is not None)
     if drawn:
         keys = (Key("rod", MEASURED), Key("target", OVERLAID), Key("rod minus target", RESIDUAL))
         parts += [Keys(keys), Cards(drawn)]
@@ -54,7 +58,7 @@ def _row(view: PointView) -> tuple[Words, ...]:
         else quality.judged_end_s - quality.judged_start_s
     )
     values = (
-        1e3 * point.amplitude_m, record_s, evaluated_s, highest_Hz or None,
+        view.display.displacement.value(point.amplitude_m), record_s, evaluated_s, highest_Hz or None,
         point.current_A, _times(quality.nrms, 100.0), _times(quality.delay_s, 1e3), _times(quality.reached, 100.0),
         view.error_percent,
     )
@@ -68,7 +72,7 @@ def _times(value: float | None, factor: float) -> float | None:
     return None if value is None else factor * value
 
 
-def _plots(point: RecordedPoint) -> Card | None:
+def _plots(point: RecordedPoint, display: Display) -> Card | None:
     """Rod and target over a short time, and their distance over all of it; None where they were not recorded."""
     quality, sent, target = point.quality.signal, point.raw("signal_time"), point.raw("signal_target")
     if quality is None or quality.start_s is None or sent is None or target is None:
@@ -85,15 +89,15 @@ def _plots(point: RecordedPoint) -> Card | None:
     rows = thinned(len(elapsed_s), MOST_DRAWN)
     time = Axis("Time", "s")
     follow = Figure(
-        time, Axis("Extension", "mm"),
-        [_trace(elapsed_s[near], target_m[near], "target", OVERLAID),
-         _trace(elapsed_s[near], rod_m[near], "rod", MEASURED)],
+        time, Axis(display.displacement.title("Extension"), display.displacement.unit),
+        [_trace(elapsed_s[near], display.displacement.signed(target_m[near]), "target", OVERLAID),
+         _trace(elapsed_s[near], display.displacement.signed(rod_m[near]), "rod", MEASURED)],
         480, 220, title=f"{point.id}: rod and target",
     )
-    left = _trace(elapsed_s[rows], (rod_m - target_m)[rows], "rod minus target", RESIDUAL)
-    apart = Figure(time, Axis("Deviation", "mm"), [left], 480, 160, title=f"{point.id}: rod minus target")
+    left = _trace(elapsed_s[rows], display.displacement.signed((rod_m - target_m)[rows]), "rod minus target", RESIDUAL)
+    apart = Figure(time, Axis("Deviation", display.displacement.unit), [left], 480, 160, title=f"{point.id}: rod minus target")
     return Card((Strong(point.id), f" {point.motion}"), (Figures((follow, apart)),))
 
 
-def _trace(time_s: FloatArray, values_m: FloatArray, name: str, colour: str) -> Trace:
-    return Trace(time_s, 1e3 * values_m, name=name, colour=colour)
+def _trace(time_s: FloatArray, values: FloatArray, name: str, colour: str) -> Trace:
+    return Trace(time_s, values, name=name, colour=colour)
