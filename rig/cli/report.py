@@ -16,19 +16,27 @@ from rig.text_file import read_json
 @click.command(name="report", cls=Command, examples=(
     "rig report logs/20260102T030405Z-MR-001-ab12cd",
     "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf",
+    "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf --summary --details customer.toml",
 ))  # fmt: skip
 @run_argument
 @click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf (A4, with vector graphics, bookmarks and "
                                                       "page numbers).")
+@click.option("--summary", is_flag=True, help="With --pdf: write only the first two pages (verdict, forces, loops, "
+                                              "conditions, signatures).")
+@click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
+              help="TOML file with a [report] table (title, customer, logo, ...), used instead of that of the matrix "
+                   "file.")
 @json_option
-def command(run: Path, on_paper: bool, as_json: bool) -> int:
+def command(run: Path, on_paper: bool, summary: bool, details: Path | None, as_json: bool) -> int:
     """Write report.html for RUN (a campaign folder) as one self-contained file."""
+    _check_summary(summary, on_paper=on_paper)
     # loads numba and numpy: not needed for the help
+    from rig.matrix.report_table import load_report_table
     from rig.report.document import written_report
 
-    report, document = written_report(run)
+    report, document = written_report(run, None if details is None else load_report_table(details))
     path = report.resolve()
-    paper = write_pdf(document, path) if on_paper else None
+    paper = write_pdf(document.sheets if summary else document, path) if on_paper else None
     if as_json:
         characteristics = read_json(CampaignFolder(path.parent).characteristics)
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
@@ -38,3 +46,13 @@ def command(run: Path, on_paper: bool, as_json: bool) -> int:
         if paper is not None:
             say(shown_path(paper))
     return EXIT_DONE
+
+
+def _check_summary(summary: bool, *, on_paper: bool) -> None:
+    """Refuse the summary of a PDF that is not written.
+
+    Raises:
+        UsageError: it is none.
+    """
+    if summary and not on_paper:
+        raise click.UsageError("--summary selects pages of the PDF. Fix: add --pdf")

@@ -260,10 +260,12 @@ dl.data.across3 {{ grid-template-columns:max-content 1fr max-content 1fr max-con
 dl.data dt {{ color:var(--soft); }} dl.data dd {{ margin:0; overflow-wrap:anywhere; }}
 @media screen and (max-width:1000px) {{ .beside {{ grid-template-columns:minmax(0,1fr) !important; }} }}
 @media (max-width:700px) {{ .cards,.charts {{ grid-template-columns:1fr; }} .pair {{ grid-template-columns:1fr; }} }}
-@media screen and (max-width:700px) {{ main {{ padding:10px 12px 30px; }} dl.data {{ grid-template-columns:1fr; gap:0; }}
+@media screen and (max-width:700px) {{ main {{ padding:10px 12px 30px; }}
+dl.data {{ grid-template-columns:1fr; gap:0; }}
 h1 {{ font-size:21px; }} .cover {{ flex-direction:column-reverse; gap:6px; }} .logo {{ height:44px; }}
 dl.data.across2,dl.data.across3 {{ grid-template-columns:1fr; gap:0; }} dl.data dd {{ margin-bottom:6px; }}
-.fact {{ flex:1 1 45%; min-width:0; padding:5px 10px; }} .fact b {{ font-size:17px; }} nav a {{ white-space:normal; }} }}
+.fact {{ flex:1 1 45%; min-width:0; padding:5px 10px; }} .fact b {{ font-size:17px; }}
+nav a {{ white-space:normal; }} }}
 @media screen and (max-width:700px) {{
 table {{ width:max-content; min-width:100%; font-size:13px; }} th,td {{ padding:4px 7px; }}
 td:not(.n) {{ max-width:190px; }} th.n {{ max-width:76px; }}
@@ -274,15 +276,18 @@ linear-gradient(to left,#0004,transparent) right/16px 100% no-repeat scroll,var(
 @page {{ @bottom-right {{ content:counter(page) " / " counter(pages); font-size:8pt; }} }}
 @media print {{
 body {{ background:#fff; font-size:8pt; line-height:1.3; print-color-adjust:exact; -webkit-print-color-adjust:exact; }}
-.mark {{ display:none; }} .paper {{ display:block; }} .sheet {{ break-after:page; }} .logo {{ height:14mm; }} .cover p {{ font-size:8pt; }}
-nav {{ font-size:7pt; }} main {{ max-width:none; padding:0; }} h1 {{ font-size:15pt; }} h2 {{ font-size:11pt; margin:10px 0 4px; }}
+.mark {{ display:none; }} .paper {{ display:block; }} .sheet {{ break-after:page; }}
+.logo {{ height:14mm; }} .cover p {{ font-size:8pt; }}
+nav {{ font-size:7pt; }} main {{ max-width:none; padding:0; }}
+h1 {{ font-size:15pt; }} h2 {{ font-size:11pt; margin:10px 0 4px; }}
 h3 {{ font-size:9pt; margin:6px 0 3px; }} h1,h2,h3,header {{ break-after:avoid; }} p.lead {{ margin:0 0 4px; }}
 .wide {{ overflow:visible; border:0; }} table {{ font-size:6.5pt; }} thead {{ display:table-header-group; }}
 th,td {{ padding:1px 4px; white-space:normal; }} td.n,th.n {{ white-space:normal; }} tr {{ break-inside:avoid; }}
 .chip {{ font-size:6.5pt; padding:0 3px; white-space:normal; }}
 .fact {{ padding:3px 8px; min-width:0; }} .fact b {{ font-size:11pt; }} .fact span {{ font-size:7pt; }}
 .card {{ padding:3px 5px; }} .card header b,.card header {{ font-size:7pt; }}
-.cards {{ grid-template-columns:repeat(2,1fr); gap:5px; }} .wide-print {{ grid-template-columns:1fr; }} .charts {{ grid-template-columns:repeat(4,1fr); gap:5px; }}
+.cards {{ grid-template-columns:repeat(2,1fr); gap:5px; }} .wide-print {{ grid-template-columns:1fr; }}
+.charts {{ grid-template-columns:repeat(4,1fr); gap:5px; }}
 .pair {{ grid-template-columns:1fr 1fr; }} dl.data {{ font-size:7pt; padding:2px; gap:0 8px; }}
 pre {{ white-space:pre-wrap; font-size:7pt; }} details::details-content {{ content-visibility:visible; display:block; }}
 }}

@@ -1,4 +1,4 @@
-"""Moments as people read them: local date and time with its zone, to the second, from the stamps of recordings (UTC)."""
+"""Moments as people read them: local date and time with its zone, from the stamps of recordings (UTC)."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def known_digits(value: float, std: float) -> str:
 
 
 def with_uncertainty(value: float, std: float) -> str:
-    """"123.4 +- 0.6", with typographic signs: both rounded to the uncertainty; the value alone where that is unknown."""
+    """"123.4 +- 0.6" with typographic signs, both rounded to the uncertainty; the value alone where that is unknown."""
     if not math.isfinite(value) or not math.isfinite(std) or std <= 0.0:
         return number(value)
     return f"{known_digits(value, std)} {PLUS_MINUS} {_in_full(std, places_of(std))}"

@@ -234,7 +234,8 @@ def _style(name: str) -> ParagraphStyle:
     size, leading, before, after, colour = {
         "h1": (14, 17, 0, 1, INK), "h2": (10.5, 13, 7, 2, INK), "h3": (8.5, 10.5, 4, 1.5, INK),
         "p": (7, 8.6, 0, 2, INK), "lead": (6.5, 8, 0, 2, SOFT), "card": (6.5, 8, 0, 1, INK),
-        "fact": (7, 10, 0, 0, SOFT), "cell": (6, 7.2, 0, 0, INK), "name": (6, 7.2, 0, 0, SOFT), "right": (6, 7.2, 0, 0, INK),
+        "fact": (7, 10, 0, 0, SOFT), "cell": (6, 7.2, 0, 0, INK), "name": (6, 7.2, 0, 0, SOFT),
+        "right": (6, 7.2, 0, 0, INK),
         "head": (6, 7.2, 0, 0, INK), "headright": (6, 7.2, 0, 0, INK),
     }[name]  # fmt: skip
     bold = name in {"h1", "h2", "h3", "head", "headright"}
@@ -440,7 +441,7 @@ def _properties(block: b.Properties, width: float) -> Iterator[Any]:
     share = width / block.across
     first = min(0.45 * share, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
     cells = [[Flow(_text(name), _style("name")), Flow(_text(value), _style("cell"))] for name, value in pairs]
-    rows = [sum(cells[start : start + block.across], []) for start in range(0, len(cells), block.across)]
+    rows = [[*itertools.chain(*cells[start : start + block.across])] for start in range(0, len(cells), block.across)]
     if rows:
         rows[-1] += [""] * (2 * block.across - len(rows[-1]))
         yield Grid(rows, colWidths=[first, share - first] * block.across, hAlign="LEFT", style=BASE)

@@ -47,7 +47,8 @@ class ReportTable(Section):
         default=None, description="person who approves the report; the report has a line for this signature"
     )
     logo: FileName | None = Field(
-        default=None, description="PNG or SVG picture of at most 1 MB, in the folder of this file", examples=["logo.png"]
+        default=None, description="PNG or SVG picture of at most 1 MB, relative to the folder of this file",
+        examples=["logo.png"],
     )
 
     _picture: Picture | None = PrivateAttr(default=None)

@@ -71,7 +71,8 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics], dis
     )
     drift_N = _drift_N([view.point for view in views])
     channels = channels_of(point, measured, steepest[point.id], drift_N)
-    return [*section("Uncertainty budget", note), *(block for channel in channels for block in _table(_shown(channel, display)))]
+    tables = (block for channel in channels for block in _table(_shown(channel, display)))
+    return [*section("Uncertainty budget", note), *tables]
 
 
 def channels_of(

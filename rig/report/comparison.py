@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rig.comparison import Comparison
 from rig.comparison.acceptance import AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
-from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading
+from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Quantity, Reading
+from rig.display import Display
 from rig.document import html
 from rig.document.blocks import (
     Blocks,
     Card,
     Cards,
     Column,
+    Contents,
+    Cover,
     Document,
     Fact,
     Facts,
@@ -26,13 +30,16 @@ from rig.document.blocks import (
     Note,
     section,
     table,
+    with_contents,
 )
 from rig.document.figure import Figure, Trace
-from rig.document.numbers import NOTHING, PLUS_MINUS, number
+from rig.document.moments import local_time
+from rig.document.numbers import NOTHING, PLUS_MINUS, known_digits, number, with_uncertainty
 from rig.document.style import current_colour
 from rig.document.words import FAIR, GOOD, POOR, Key, Label, Severity, Strong, Words
+from rig.report.cover import mark_of, started
 from rig.report.document import views_of
-from rig.report.loops import DISPLACEMENT, FORCE, VELOCITY
+from rig.report.loops import displacement_axis, displacement_of, force_axis, velocity_axis, velocity_of
 from rig.report.views import Loop
 
 SEVERITIES: dict[State, Severity] = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
@@ -48,14 +55,25 @@ def comparison_page(compared: Comparison) -> str:
 def comparison_document(compared: Comparison) -> Document:
     """The comparison as a document."""
     names = [_label(compared, index) for index in range(len(compared.runs))]
+    lines = tuple(_about(compared, index) for index in range(len(compared.runs)))
     blocks: Blocks = [
-        *section("Comparison of damper tests", " \N{MIDDLE DOT} ".join(names), 1), _facts(compared),
+        Cover("Comparison of damper tests", lines), Contents(), _facts(compared),
         *(Note(FAIR, remark) for remark in compared.remarks),
     ]  # fmt: skip
     if compared.judgement is not None:
         blocks += _bands(compared.judgement, several=len(compared.runs) > 1)
     blocks += [*_loops(compared, names), *_changes(compared, names), *_parameters(compared, names)]
-    return Document("Comparison of damper tests", blocks)
+    return Document("Comparison of damper tests", with_contents(blocks), mark_of(run.run for run in compared.runs))
+
+
+def _about(compared: Comparison, index: int) -> Words:
+    """One run in a line: specimen, name, time."""
+    run = compared.runs[index]
+    when = started(run.run)
+    return (
+        ("First run " if index == 0 else f"Run {index + 1} ") if len(compared.runs) > 1 else "Run ",
+        Strong(_label(compared, index)), f" \N{MIDDLE DOT} {local_time(when, seconds=False)}" if when else "",
+    )
 
 
 def _label(compared: Comparison, index: int) -> str:
@@ -107,8 +125,9 @@ def _result(result: Result, several: bool) -> list[Words]:
     quantity = f"change of {result.quantity}" if result.change else result.quantity
     return [
         Label(str(result.state), SEVERITIES[result.state]), quantity, where, *([result.run] if several else []),
-        number(result.value), number(result.expanded, 2), number(result.low), number(result.high),
-        "" if result.unit == "1" else result.unit, number(result.margin, 3), number(result.margin_percent, 3), remark,
+        known_digits(result.value, result.expanded), known_digits(result.expanded, result.expanded),
+        number(result.low), number(result.high), "" if result.unit == "1" else result.unit,
+        known_digits(result.margin, result.expanded), number(result.margin_percent, 3), remark,
     ]  # fmt: skip
 
 
@@ -118,14 +137,15 @@ def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
         {view.point.id: view.loop for view in views_of(run.run, None)[0] if view.loop is not None}
         for run in compared.runs
     ]
-    cards = []
+    cards, display = [], compared.runs[0].run.display
     for row in compared.rows[:MOST_DRAWN]:
-        over_u, over_v = _traces(row, drawn, names)
+        over_u, over_v = _traces(row, drawn, names, display)
         if over_u:
             title = row.motion.label
+            force = force_axis(display)
             pair = (
-                Figure(DISPLACEMENT, FORCE, over_u, title=f"Force vs. displacement, {title}"),
-                Figure(VELOCITY, FORCE, over_v, title=f"Force vs. velocity, {title}"),
+                Figure(displacement_axis(display), force, over_u, title=f"Force vs. displacement, {title}"),
+                Figure(velocity_axis(display), force, over_v, title=f"Force vs. velocity, {title}"),
             )
             cards.append(Card(Strong(title), (Figures(pair, across=2),)))
     if not cards:
@@ -138,38 +158,41 @@ def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
 
 
 def _traces(
-    row: MotionRow, drawn: Sequence[dict[str, Loop]], names: Sequence[str]
+    row: MotionRow, drawn: Sequence[dict[str, Loop]], names: Sequence[str], display: Display
 ) -> tuple[list[Trace], list[Trace]]:  # fmt: skip
     over_u, over_v = [], []
     for index, reading in enumerate(row.loops):
         loop = None if reading is None else drawn[index].get(reading.ids[0])
         if loop is not None:
             colour = current_colour(index, len(names))
-            over_u.append(Trace(loop.displacement_mm, loop.force_N, name=names[index], colour=colour))
-            over_v.append(Trace(loop.velocity_m_s, loop.force_N, name=names[index], colour=colour))
+            force = display.force.signed(loop.force_N)
+            over_u.append(Trace(displacement_of(loop, display), force, name=names[index], colour=colour))
+            over_v.append(Trace(velocity_of(loop, display), force, name=names[index], colour=colour))
     return over_u, over_v
 
 
 def _changes(compared: Comparison, names: Sequence[str]) -> Blocks:
     """A table for each quantity: every motion, every run, change against the first."""
     parts: Blocks = []
+    display = compared.runs[0].run.display
     for quantity in LOOP_QUANTITIES:
         rows = []
         for row in compared.rows:
             readings = [None if loop is None else loop.values.get(quantity.key) for loop in row.loops]
             if any(readings):
                 changes = [compared.change(index, quantity.key, row) for index in range(1, len(names))]
-                rows.append([row.motion.label, *_cells(readings, changes, quantity.unit)])
-        unit = "" if quantity.unit == "1" else f", {quantity.unit}"
+                rows.append([row.motion.label, *_cells(readings, changes, _shown(quantity, display))])
+        unit = _shown(quantity, display).unit
+        unit = f", {unit}" if unit else ""
         parts += _quantity_table(f"{quantity.title}{unit}", "Motion", rows, names)
     singles = [
         [quantity.title, *_cells(
             [run.singles.get(quantity.key) for run in compared.runs],
-            [compared.single_change(index, quantity.key) for index in range(1, len(names))], quantity.unit,
+            [compared.single_change(index, quantity.key) for index in range(1, len(names))], _shown(quantity, display),
         )]
         for quantity in SINGLE_QUANTITIES if any(quantity.key in run.singles for run in compared.runs)
     ]  # fmt: skip
-    parts += _quantity_table("Slow triangle at 0 A, N", "Quantity", singles, names)
+    parts += _quantity_table(f"Slow triangle at 0 A, {display.force.unit}", "Quantity", singles, names)
     note = "Changes in bold exceed their expanded uncertainty."
     return [*section("Values and changes", note if len(names) > 1 else ""), *parts] if parts else []
 
@@ -181,7 +204,7 @@ def _parameters(compared: Comparison, names: Sequence[str]) -> Blocks:
         unit = next((one.unit for one in fitted if one is not None), "")
         readings = [None if one is None or one.why else one.reading for one in fitted]
         changes = [compared.parameter_change(index, name) for index in range(1, len(names))]
-        rows.append([f"{name} {unit}", *_cells(readings, changes, unit)])
+        rows.append([f"{name} {unit}", *_cells(readings, changes, _Unit(unit))])
     return _quantity_table("Fitted parameters", "Parameter", rows, names, level=2)
 
 
@@ -196,31 +219,54 @@ def _quantity_table(
     return [Heading(title, level), table(head, rows, range(1, len(head)))]
 
 
-def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], unit: str) -> list[Words]:
-    cells: list[Words] = [_reading(readings[0])]
+@dataclass(frozen=True)
+class _Unit:
+    """A unit as it is shown, and how many of it are one of SI; negative where the sign is turned."""
+
+    name: str
+    factor: float = 1.0
+
+    @property
+    def unit(self) -> str:
+        """The unit; empty for none."""
+        return "" if self.name == "1" else self.name
+
+
+def _shown(quantity: Quantity, display: Display) -> _Unit:
+    """How a quantity is shown: forces as `[display]` states; friction has no direction."""
+    if quantity.unit != "N":
+        return _Unit(quantity.unit)
+    convert = display.force.value if quantity.key == "friction_force" else display.force.signed
+    return _Unit(display.force.unit, convert(1.0))
+
+
+def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], unit: _Unit) -> list[Words]:
+    cells: list[Words] = [_reading(readings[0], unit)]
     for reading, one in zip(readings[1:], changes, strict=True):
         shown, expanded = (NOTHING, NOTHING) if one is None else _change(one, unit)
-        cells += [_reading(reading), Strong(shown) if one is not None and one.differs else shown, expanded]
+        cells += [_reading(reading, unit), Strong(shown) if one is not None and one.differs else shown, expanded]
     return cells
 
 
-def _change(one: Change, unit: str) -> tuple[str, str]:
+def _change(one: Change, unit: _Unit) -> tuple[str, str]:
     """A change and its expanded uncertainty: in %, or in the quantity's unit where the first value is near zero."""
     relative = math.isfinite(one.percent)
-    value, std, shown_unit = (one.percent, one.percent_std, "%") if relative else (one.value, one.std, unit)
-    shown_unit = "" if shown_unit == "1" else shown_unit
-    cells = ((value, 3), (COVERAGE * std, 2))
-    shown, expanded = (
-        f"{number(size, digits)} {shown_unit}".rstrip() if math.isfinite(size) else NOTHING for size, digits in cells
+    value, std, shown_unit = (
+        (one.percent, one.percent_std, "%") if relative
+        else (unit.factor * one.value, abs(unit.factor) * one.std, unit.unit)
     )
-    return shown, expanded
+    expanded = COVERAGE * std
+    shown, uncertain = (
+        f"{known_digits(size, expanded)} {shown_unit}".rstrip() if math.isfinite(size) else NOTHING
+        for size in (value, expanded)
+    )
+    return shown, uncertain
 
 
-def _reading(reading: Reading | None) -> str:
+def _reading(reading: Reading | None, unit: _Unit) -> str:
     if reading is None:
         return NOTHING
-    spread = f" {PLUS_MINUS} {number(reading.expanded, 2)}" if reading.expanded > 0.0 else ""
-    return f"{number(reading.value)}{spread}"
+    return with_uncertainty(unit.factor * reading.value, abs(unit.factor) * reading.expanded)
 
 
 def _or_last(value: float) -> float:

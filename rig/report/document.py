@@ -149,7 +149,7 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     heading: Blocks = [Heading("Force loops"), *measured.keys] if measured.first else []
     on_first = (len(measured.first) + 1) // 2
     first, second = (
-        [Cards(part, large=True, wide=True)] if part else []
+        list[Block]([Cards(part, large=True, wide=True)] if part else [])
         for part in (measured.first[:on_first], measured.first[on_first:])
     )
     more: Blocks = []
@@ -160,9 +160,12 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),
-            *peak_forces(of.characteristics.loops, of.display), *heading, *first,
+            *peak_forces(of.characteristics.force_tables, of.display), *heading, *first,
         )),
-        Sheet((*_again(measured.keys if measured.first[on_first:] else ()), *second, *more, *conditions(run, details, of.display, load_cell))),
+        Sheet((
+            *_again(measured.keys if measured.first[on_first:] else ()), *second, *more,
+            *conditions(run, details, of.display, load_cell),
+        )),
     )  # fmt: skip
 
 
@@ -178,7 +181,8 @@ def model_section(of: Material) -> Blocks:
         return [Heading("Model"), Paragraph("This run has no fit, so the report shows only measurements.")]
     return [
         Heading("Model"), Facts(tuple(_errors(fit, of.display))), *fit_warnings(fit),
-        *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit, of.display), *loops.model_overview(of.views),
+        *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit, of.display),
+        *loops.model_overview(of.views),
         *parameters_over_current(fit),
     ]  # fmt: skip
 
@@ -275,7 +279,7 @@ def _largest(of: Material) -> list[Fact]:
         std_N = peak_force_std_N(loop)
         force = known_digits(shown.force.signed(loop.peak_force_N[place]), shown.force.value(std_N))
         at = f"{number(loop.level_A, 3)} A, {shown.speed.text(loop.peak_speed_m_s, 3)}"
-        facts.append(Fact(f"{force} {shown.force.unit}", f"largest {name} force ({at})"))
+        facts.append(Fact(f"{force} {shown.force.unit}", f"largest force in {name} ({at})"))
     return facts
 
 
@@ -297,7 +301,8 @@ def _errors(fit: FitRecord, display: Display) -> list[Fact]:
     facts = [
         Fact(fit.model, f"model, fitted by {fit_sections.METHODS.get(fit.method, fit.method)}"),
         Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error relative to peak force, mean of all tests"),
-        Fact(f"{number(display.force.value(fit.error.rmse_N), 3)} {display.force.unit}", "RMS error"), Fact(known, "parameters identified"),
+        Fact(f"{number(display.force.value(fit.error.rmse_N), 3)} {display.force.unit}", "RMS error"),
+        Fact(known, "parameters identified"),
     ]
     if fit.holdout is not None:
         meaning = f"error on validation tests{fit_sections.extrapolated_words(fit.holdout)}"

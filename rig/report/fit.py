@@ -98,7 +98,8 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
             reason = entry.reason or "not determined by the data"
             unknown.append([name, number(entry.value, 5), entry.unit, meaning, reason])
     head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
-    parts: Blocks = [Heading("Fitted parameters", 3), *_equation(fit, display), *corrections(fit), table(head, known, (1, 2))]
+    parts: Blocks = [Heading("Fitted parameters", 3), *_equation(fit, display), *corrections(fit)]
+    parts.append(table(head, known, (1, 2)))
     if unknown:
         parts.append(Heading("Not identifiable from these data", 3))
         rows = [Row(tuple(cells), faded=True) for cells in unknown]

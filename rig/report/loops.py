@@ -91,7 +91,8 @@ def _speed(view: PointView) -> float:
 
 def _overlay(
     group: Sequence[PointView], currents: Sequence[float], along: Axis,
-    values: Callable[[Loop, Display], FloatArray], title: str, *, fitted: bool = False, size: tuple[int, int] = (360, 225),
+    values: Callable[[Loop, Display], FloatArray], title: str, *, fitted: bool = False,
+    size: tuple[int, int] = (360, 225),
 ) -> Figure:
     """One motion's loops in one figure; with the fit dashed over them where that is wanted."""
     traces = []

@@ -1,4 +1,4 @@
-"""The report's tables with one row for each point: the main table and the details. A column is one entry: title, unit, and how a point's cell is read.
+"""The report's tables with one row for each point. A column is one entry: title, unit, and how a cell is read.
 
 To add a column, add an entry (`quantity` for a plain number); see docs/how-to/add-a-report-column.md.
 """
@@ -33,7 +33,8 @@ CONDITION_CODES = frozenset({"temperature", "amplitude"})
 class Column:
     """One column: its title and unit, the cell of a point, and whether its cells are numbers.
 
-    `shown` is the quantity of `[display]` ("force", "displacement", "speed", "temperature", "damping") whose unit the column has.
+    `shown` is the quantity of `[display]` whose unit the column has: "force", "displacement", "speed", "temperature",
+    "damping".
     """
 
     title: str
@@ -161,8 +162,8 @@ def points_table(views: Sequence[PointView]) -> Blocks:
     """The one table of points: motion, forces, error of the fit, verdict and reasons."""
     note = (
         f"Peak rebound and compression: largest force of the mean cycle in each direction. {PLUS_MINUS}: one standard "
-        "uncertainty due to the variation between cycles. Damping: viscous damper that dissipates the same energy. Model "
-        "error: 100 × RMS error / largest deviation of the force from its mean."
+        "uncertainty due to the variation between cycles. Damping: viscous damper that dissipates the same energy. "
+        "Model error: 100 × RMS error / largest deviation of the force from its mean."
     )
     if not all(view.point.imported for view in views):
         note += (
@@ -230,10 +231,10 @@ def point_details(views: Sequence[PointView], log: Sequence[Mapping[str, Any]]) 
         step_K = number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)
         note = (
             f"Amplitude: mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Command "
-            "correction: commanded amplitude relative to the requested amplitude. Phase: measured displacement relative "
-            "to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal waveform. "
-            f"The ECU reports the coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; the "
-            "sensor's own error is not included. The values for each cycle are stored in the point file."
+            "correction: commanded amplitude relative to the requested amplitude. Phase: measured displacement "
+            "relative to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal "
+            f"waveform. The ECU reports the coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; "
+            "the sensor's own error is not included. The values for each cycle are stored in the point file."
         )
         parts.append(Details("Achieved motion, current and temperature", (
             Paragraph(note, small=True), point_table(ACHIEVED, moved),
@@ -354,7 +355,8 @@ def _pooled(points: Sequence[RecordedPoint]) -> Blocks:
     left_ms = 1e3 * CONFIDENCE * used.std_s
     return [Paragraph((
         "For all points combined, the signals show that the force lags the displacement by ",
-        Strong(f"{_end_ms(low_s, high_s - low_s)} to {_end_ms(high_s, high_s - low_s)} ms"), " in addition to the declared delays.",
+        Strong(f"{_end_ms(low_s, high_s - low_s)} to {_end_ms(high_s, high_s - low_s)} ms"),
+        " in addition to the declared delays.",
         *(stated if isinstance(stated, tuple) else (stated,)),
         f" Correction applied: {with_uncertainty(1e3 * used.delays.value_s, left_ms)} ms. The uncertainty of this "
         "correction also affects the fit.",

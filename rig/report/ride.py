@@ -11,6 +11,8 @@ from rig.document.blocks import (
     Card,
     Cards,
     Column,
+    Contents,
+    Cover,
     Document,
     Fact,
     Facts,
@@ -23,6 +25,7 @@ from rig.document.blocks import (
     Properties,
     section,
     table,
+    with_contents,
 )
 from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, number
@@ -33,6 +36,7 @@ from rig.vehicle.answer import extrapolations
 from rig.vehicle.response import BANDS
 from rig.vehicle.ride import RideStudy
 
+RIDE_MARK = "SIMULATED: the ride of a simulated car with fitted damper models"
 UNITS = {"heave": "dB of 1 (m/s^2)/m", "pitch": "dB of 1 (rad/s^2)/m", "roll": "dB of 1 (rad/s^2)/m"}
 PRINTED_dB = {"4-8 Hz": 5.0, "0-18 Hz": 12.0}
 """Largest differences of the c-FOA paper's three fits, as printed there (section 4.2)."""
@@ -49,10 +53,13 @@ def ride_page(study: RideStudy) -> str:
 
 def ride_document(study: RideStudy) -> Document:
     """The study as a document."""
-    return Document(f"Ride: {study.car.name}", [
-        Heading(f"Ride: {study.car.name} on {study.road.name}", 1), _facts(study), *warnings(study), *_curves(study),
-        *_responses(study), *differences(study), *numbers(study), *_parameters(study), *_provenance(study),
-    ])  # fmt: skip
+    dampers = tuple(variant.name for variant in study.variants)
+    about = ("Simulated car, dampers ", Strong(", ".join(dampers)), f" \N{MIDDLE DOT} {study.road.speed_m_s:g} m/s")
+    return Document(f"Ride: {study.car.name}", with_contents([
+        Cover(f"Ride: {study.car.name} on {study.road.name}", (about,)), Contents(), _facts(study), *warnings(study),
+        *differences(study), *numbers(study), *_curves(study), *_responses(study), *_parameters(study),
+        *_provenance(study),
+    ]), RIDE_MARK)  # fmt: skip
 
 
 def _colours(study: RideStudy) -> dict[str, str]:

@@ -18,12 +18,13 @@ from rig.report.views import PointView
 from rig.signals.arrays import FloatArray
 from rig.test_point import SIGNAL
 
+
 def _head(display: Display) -> tuple[Column, ...]:
     return (
-        Column("Point"), Column("Signal"), Column("Largest displacement", display.displacement.unit, True), Column("Duration", "s", True),
-        Column("Evaluated", "s", True), Column("Highest frequency", "Hz", True), Column("I", "A", True),
-        Column("Tracking error", "%", True), Column("Delay", "ms", True), Column("Span achieved", "%", True),
-        Column("Fit error", "%", True), Column("Verdict"),
+        Column("Point"), Column("Signal"), Column("Largest displacement", display.displacement.unit, True),
+        Column("Duration", "s", True), Column("Evaluated", "s", True), Column("Highest frequency", "Hz", True),
+        Column("I", "A", True), Column("Tracking error", "%", True), Column("Delay", "ms", True),
+        Column("Span achieved", "%", True), Column("Fit error", "%", True), Column("Verdict"),
     )  # fmt: skip
 
 
@@ -95,7 +96,8 @@ def _plots(point: RecordedPoint, display: Display) -> Card | None:
         480, 220, title=f"{point.id}: rod and target",
     )
     left = _trace(elapsed_s[rows], display.displacement.signed((rod_m - target_m)[rows]), "rod minus target", RESIDUAL)
-    apart = Figure(time, Axis("Deviation", display.displacement.unit), [left], 480, 160, title=f"{point.id}: rod minus target")
+    deviation = Axis("Deviation", display.displacement.unit)
+    apart = Figure(time, deviation, [left], 480, 160, title=f"{point.id}: rod minus target")
     return Card((Strong(point.id), f" {point.motion}"), (Figures((follow, apart)),))
 
 

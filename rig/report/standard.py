@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rig.characteristics import Characteristics
+from rig.characteristics.force_table import force_tables
 from rig.characteristics.loop import LoopCharacteristics
 from rig.display import Display
 from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Heading, Keys, Paragraph, section, table
@@ -50,8 +51,7 @@ def plots(loops: Sequence[LoopCharacteristics], display: Display) -> dict[str, F
     if len(loops) < 2:
         return {}
     damping = display.damping
-    known = [loop for loop in loops if loop.peak_force_N.known]
-    pvp = peak_velocity_plot(known, display)
+    pvp = peak_velocity_plot(force_tables(loops), display)
     return {
         **({} if pvp is None else {"force": pvp}),
         "energy": _figure(loops, display, Axis("Energy", "J"), lambda loop: loop.energy_J.value),

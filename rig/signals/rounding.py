@@ -23,5 +23,5 @@ def places_of(std: float) -> int:
 
 
 def rounded(value: float, places: int) -> str:
-    """A finite value with so many decimal places as text, never a minus zero; negative places round to tens and more."""
+    """A finite value with so many decimal places as text, never a minus zero; negative ones round to tens and more."""
     return f"{round(value, places) + 0.0:.{max(0, places)}f}"
