@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
-from rig.signals.rounding import places_of, rounded
+from rig.signals.rounding import MOST_PLACES, places_of, rounded
 
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
 ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+MOST_DIGITS = 6
 CONFIDENCE = 1.96
 """Standard deviations of a 95 % interval."""
 
@@ -37,14 +38,21 @@ def known_digits(value: float, std: float) -> str:
     """A value without its uncertainty, rounded to it; with four digits where the uncertainty is not known."""
     if not math.isfinite(value) or not math.isfinite(std) or std <= 0.0:
         return number(value)
-    return _in_full(value, places_of(std))
+    return _in_full(value, min(places_of(std), _most_places(value)))
 
 
 def with_uncertainty(value: float, std: float) -> str:
     """"123.4 +- 0.6" with typographic signs, both rounded to the uncertainty; the value alone where that is unknown."""
     if not math.isfinite(value) or not math.isfinite(std) or std <= 0.0:
         return number(value)
-    return f"{known_digits(value, std)} {PLUS_MINUS} {_in_full(std, places_of(std))}"
+    places = places_of(std)
+    shown = number(std, 2) if places > _most_places(value) else _in_full(std, places)
+    return f"{known_digits(value, std)} {PLUS_MINUS} {shown}"
+
+
+def _most_places(value: float) -> int:
+    """Decimal places with which a value has `MOST_DIGITS` digits: no instrument knows more."""
+    return MOST_DIGITS - 1 - math.floor(math.log10(abs(value))) if value else MOST_PLACES
 
 
 def _in_full(value: float, places: int) -> str:

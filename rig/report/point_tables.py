@@ -233,7 +233,7 @@ def point_details(views: Sequence[PointView], log: Sequence[Mapping[str, Any]]) 
             f"Amplitude: mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Command "
             "correction: commanded amplitude relative to the requested amplitude. Phase: measured displacement "
             "relative to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal "
-            f"waveform. The ECU reports the coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; "
+            f"waveform. The ECU reports coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; "
             "the sensor's own error is not included. The values for each cycle are stored in the point file."
         )
         parts.append(Details("Achieved motion, current and temperature", (

@@ -118,7 +118,7 @@ def test_without_its_library_the_command_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report = (tmp_path / "report.html", Document("x"))
-    monkeypatch.setattr("rig.report.document.written_report", lambda run: report)
+    monkeypatch.setattr("rig.report.document.written_report", lambda run, details: report)
     monkeypatch.delitem(sys.modules, "rig.document.pdf", raising=False)
     monkeypatch.setitem(sys.modules, "reportlab.lib.colors", None)
     assert main(["report", str(tmp_path), "--pdf"]) == 2

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.document.moments import local_time
 from rig.document.numbers import between, number
 from rig.document.style import SEQUENCE, current_colour
 from rig.fits.entries import Corrections, Estimate, TestedRange, Uncertainty
@@ -66,10 +67,10 @@ def test_specimen_operator_notes_and_events_are_in_the_report_and_stay_text(run:
     assert "<script" not in page
     assert "&lt;script&gt;bench()&lt;/script&gt;" in page
     assert "Damper test report: &lt;script&gt;x()&lt;/script&gt;" in page
-    reported = page[page.index("Specimen and operator"):]
+    reported = page[page.index("Specimen and test conditions</h2>"):]
     assert "A. &lt;b&gt;Tester&lt;/b&gt;" in reported
     assert all(words in reported for words in ("third mounting", "170 mm"))
-    happened = page[page.index("<h2>Events"):page.index("Specimen and operator")]
+    happened = page[page.index("Events</h2>"):page.index("Provenance</h2>")]
     assert "estop: &lt;i&gt;pressed&lt;/i&gt;" in happened
     assert "<td class=\"n\">2</td><td>late_s 0.02346</td>" in happened
     assert "connecting" not in happened
@@ -82,10 +83,10 @@ def test_what_was_typed_on_the_operators_page_is_in_the_report(run: Path) -> Non
         "notes": [{"utc": "2026-01-01T10:00:00+00:00", "by": "B. Typist", "text": "<script>n()</script> squeaks"}],
     }))  # fmt: skip
     page = write_report(run).read_text(encoding="utf-8")
-    reported = page[page.index("Specimen and operator"):]
+    reported = page[page.index("Specimen and test conditions</h2>"):]
     assert "oil &lt;b&gt;changed&lt;/b&gt;" in reported
-    assert "2026-01-01T10:00:00+00:00 B. Typist: &lt;script&gt;n()&lt;/script&gt; squeaks" in reported
-    assert "Not given" not in reported
+    assert f"{local_time('2026-01-01T10:00:00+00:00')} B. Typist: &lt;script&gt;n()&lt;/script&gt; squeaks" in reported
+    assert "not given" not in reported
 
 
 def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
@@ -99,7 +100,7 @@ def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
 
 def test_time_traces_show_the_whole_test_with_its_highest_peak(run: Path) -> None:
     page = write_report(run).read_text(encoding="utf-8")
-    part = page[page.index("Time traces"):page.index("Test points")]
+    part = page[page.index("Time traces</h2>"):page.index("Provenance</h2>")]
     for label in ("Force (N) vs. time (s)", "Displacement (mm) vs.", "Current (A) vs.", "time in the cycle (ms)"):
         assert label in part
     values = np.sin(np.arange(10_000) / 500.0)

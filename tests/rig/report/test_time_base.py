@@ -9,15 +9,16 @@ from rig.document.html import fragment
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.point_tables import time_base
+from rig.report.views import PointView
 
 
-def a_point(*, checked: bool, **quality: float) -> RecordedPoint:
+def a_point(*, checked: bool, **quality: float) -> PointView:
     time_s = np.arange(500) / 250.0
-    return RecordedPoint.from_arrays(
+    return PointView(RecordedPoint.from_arrays(
         time_s=time_s, displacement_m=0.02 * np.sin(2 * np.pi * time_s), force_N=500.0 * np.cos(2 * np.pi * time_s),
         id="p001", waveform="sine", amplitude_m=0.02, frequency_Hz=1.0, current_A=0.5, skew_std_s=1e-3,
         quality=PointQuality.read({"force_clock_std_s": 1e-3, "skew_checked": int(checked), **quality}),
-    )
+    ), None)
 
 
 @pytest.mark.parametrize(("checked", "word"), [(True, "yes"), (False, "no")])
