@@ -265,7 +265,7 @@ dl.data {{ grid-template-columns:1fr; gap:0; }}
 h1 {{ font-size:21px; }} .cover {{ flex-direction:column-reverse; gap:6px; }} .logo {{ height:44px; }}
 dl.data.across2,dl.data.across3 {{ grid-template-columns:1fr; gap:0; }} dl.data dd {{ margin-bottom:6px; }}
 .fact {{ flex:1 1 45%; min-width:0; padding:5px 10px; }} .fact b {{ font-size:17px; }}
-nav a {{ white-space:normal; }} }}
+nav a,.key span {{ white-space:normal !important; }} }}
 @media screen and (max-width:700px) {{
 table {{ width:max-content; min-width:100%; font-size:13px; }} th,td {{ padding:4px 7px; }}
 td:not(.n) {{ max-width:190px; }} th.n {{ max-width:76px; }}

@@ -344,6 +344,7 @@ def _head(column: b.Column) -> str:
 def _measured(words: Words, *, whole: bool) -> str:
     """A cell's text with the room that its labels take; a `whole` one is not folded."""
     text = known(plain(words)) + SPACE * 2 * sum(isinstance(part, (Label, Shade)) for part in parts(words))
+    text += SPACE * sum(len(part.text) // 5 + 1 for part in parts(words) if isinstance(part, Strong))  # bold is wider
     return text.replace(" ", SPACE) if whole else text
 
 

@@ -57,7 +57,7 @@ def comparison_document(compared: Comparison) -> Document:
     names = [_label(compared, index) for index in range(len(compared.runs))]
     lines = tuple(_about(compared, index) for index in range(len(compared.runs)))
     blocks: Blocks = [
-        Cover("Comparison of damper tests", lines), Contents(), _facts(compared),
+        Cover("Comparison of damper tests", lines), Contents(paper=False), _facts(compared),
         *(Note(FAIR, remark) for remark in compared.remarks),
     ]  # fmt: skip
     if compared.judgement is not None:
@@ -95,12 +95,23 @@ def _facts(compared: Comparison) -> Facts:
     if len(compared.runs) > 1:
         both = sum(all(row.loops) for row in compared.rows)
         facts.append(Fact(f"{both} of {len(compared.rows)}", "motions tested in all runs"))
+        facts += _differing(compared)
         for quantity in LOOP_QUANTITIES[:3]:
             summary = compared.summary(len(compared.runs) - 1, quantity.key)
             if summary is not None and math.isfinite(summary.median_percent):
-                middle = f"{number(summary.median_percent, 3)} %"
+                middle = f"{number(summary.median_percent, 2)} %"
                 facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run relative to first run"))
     return Facts(tuple(facts))
+
+
+def _differing(compared: Comparison) -> list[Fact]:
+    """How many values of the last run differ from those of the first by more than their uncertainty."""
+    known = [compared.summary(len(compared.runs) - 1, quantity.key) for quantity in LOOP_QUANTITIES]
+    total, differ = (sum(getattr(one, name) for one in known if one is not None) for name in ("tests", "differ"))
+    if not total:
+        return []
+    meaning = "values differ by more than their expanded uncertainty, last run relative to first run"
+    return [Fact(f"{differ} of {total}", meaning, FAIR if differ else GOOD)]
 
 
 def _bands(acceptance: AcceptanceResult, *, several: bool) -> Blocks:
@@ -138,7 +149,7 @@ def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
         for run in compared.runs
     ]
     cards, display = [], compared.runs[0].run.display
-    for row in compared.rows[:MOST_DRAWN]:
+    for row in sorted(compared.rows, key=lambda row: not all(row.loops))[:MOST_DRAWN]:
         over_u, over_v = _traces(row, drawn, names, display)
         if over_u:
             title = row.motion.label

@@ -147,7 +147,7 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     run, details = of.run, of.details
     load_cell = of.sensors.get("force")
     heading: Blocks = [Heading("Force loops"), *measured.keys] if measured.first else []
-    on_first = (len(measured.first) + 1) // 2
+    on_first = min(2, len(measured.first))
     first, second = (
         list[Block]([Cards(part, large=True, wide=True)] if part else [])
         for part in (measured.first[:on_first], measured.first[on_first:])

@@ -66,7 +66,7 @@ def _plots(test: HybridTest, record: Record, display: Display) -> Blocks:
     middle_s = 0.5 * (record.time_s[0] + record.time_s[-1])
     near = abs(record.time_s - middle_s) <= 0.5 * SHOWN_S
     tracking = Figure(
-        time, Axis(display.displacement.title("Extension"), display.displacement.unit),
+        time, Axis(display.displacement.title("Rod"), display.displacement.unit),
         [_trace(record.time_s[near], display.displacement.signed(record.target_m[near]), "target", OVERLAID),
          _trace(record.time_s[near], display.displacement.signed(record.measured_m[near]), "rod", MEASURED)],
         480, 260, title=f"{test.id}: rod and target",

@@ -25,17 +25,17 @@ MOST_ON_PAGES = 4
 
 def force_axis(display: Display, limits: Range | None = None) -> Axis:
     """The axis of forces."""
-    return Axis(display.force.title("Force"), display.force.unit, limits)
+    return Axis("Force", display.force.unit, limits)
 
 
 def displacement_axis(display: Display) -> Axis:
     """The axis of displacements about mid-stroke."""
-    return Axis(display.displacement.title("Displacement about mid-stroke"), display.displacement.unit)
+    return Axis("Displacement about mid-stroke", display.displacement.unit)
 
 
 def velocity_axis(display: Display) -> Axis:
     """The axis of velocities."""
-    return Axis(display.speed.title("Velocity"), display.speed.unit)
+    return Axis("Velocity", display.speed.unit)
 
 
 def displacement_of(loop: Loop, display: Display) -> FloatArray:

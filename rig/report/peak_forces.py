@@ -75,7 +75,7 @@ def peak_velocity_plot(tables: Sequence[ForceTable], display: Display) -> Figure
                 traces += [Trace(speeds, forces, name=name, colour=colour)] if len(known) > 1 else []
                 traces.append(Trace(speeds, forces, Style.POINTS, name, colour))
             top = max([top, *speeds.tolist()])
-    force = Axis(display.force.title("Force at peak velocity"), display.force.unit)
+    force = Axis("Force at peak velocity", display.force.unit)
     speed = Axis("Peak velocity", display.speed.unit, (0.0, 1.05 * top or 1.0))
     return Figure(speed, force, traces, 480, 300, title="Peak-velocity plot (PVP)")
 

@@ -90,7 +90,7 @@ def _plots(point: RecordedPoint, display: Display) -> Card | None:
     rows = thinned(len(elapsed_s), MOST_DRAWN)
     time = Axis("Time", "s")
     follow = Figure(
-        time, Axis(display.displacement.title("Extension"), display.displacement.unit),
+        time, Axis(display.displacement.title("Rod"), display.displacement.unit),
         [_trace(elapsed_s[near], display.displacement.signed(target_m[near]), "target", OVERLAID),
          _trace(elapsed_s[near], display.displacement.signed(rod_m[near]), "rod", MEASURED)],
         480, 220, title=f"{point.id}: rod and target",
