@@ -72,7 +72,7 @@ def _checked_png(content: bytes) -> float:
         (size,), kind = struct.unpack(">I", content[place : place + 4]), content[place + 4 : place + 8]
         body, check = content[place + 8 : place + 8 + size], content[place + 8 + size : place + 12 + size]
         if len(check) < 4 or struct.unpack(">I", check)[0] != zlib.crc32(kind + body):
-            raise ValueError("the PNG file is damaged: a checksum is wrong. Fix: save the logo again")
+            raise ValueError("the PNG file is damaged or incomplete: a checksum is wrong. Fix: save the logo again")
         if kind == b"IHDR" and size == HEADER_BYTES:
             width, height, depth, colour = struct.unpack(">IIBB", body[:10])
             if not 0 < width * height <= MOST_PIXELS:

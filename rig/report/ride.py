@@ -56,9 +56,9 @@ def ride_document(study: RideStudy) -> Document:
     dampers = tuple(variant.name for variant in study.variants)
     about = ("Simulated car, dampers ", Strong(", ".join(dampers)), f" \N{MIDDLE DOT} {study.road.speed_m_s:g} m/s")
     return Document(f"Ride: {study.car.name}", with_contents([
-        Cover(f"Ride: {study.car.name} on {study.road.name}", (about,)), Contents(paper=False), _facts(study), *warnings(study),
-        *differences(study), *numbers(study), *_curves(study), *_responses(study), *_parameters(study),
-        *_provenance(study),
+        Cover(f"Ride: {study.car.name} on {study.road.name}", (about,)), Contents(paper=False), _facts(study),
+        *warnings(study), *differences(study), *numbers(study), *_curves(study), *_responses(study),
+        *_parameters(study), *_provenance(study),
     ]), RIDE_MARK)  # fmt: skip
 
 

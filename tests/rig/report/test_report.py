@@ -69,14 +69,24 @@ def fit_of(**changes: object) -> dict[str, Any]:
     }
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    folder = tmp_path / "20260101T000000Z-MR-001-abcd"
+def recorded(parent: Path) -> Path:
+    folder = parent / "20260101T000000Z-MR-001-abcd"
     (folder / "points").mkdir(parents=True)
     record(folder, "p001", 1.0, 0.0)
     record(folder, "p002", 2.0, 0.5)
     record(folder, "p003", 1.0, 0.5, verdict="invalid")
     return folder
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return recorded(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The report of the fit that is the truth, with a warning that is markup."""
+    return written(recorded(tmp_path_factory.mktemp("once")), fit_of(warnings=["<script>alert(1)</script>"]))
 
 
 def written(run: Path, fit: Mapping[str, Any] | None) -> str:
@@ -91,8 +101,7 @@ def lines(page: str, style: str) -> list[np.ndarray]:
     return [np.array([[float(n) for n in pair.split()] for pair in re.split("[ML]", d)[1:]]) for d in found]
 
 
-def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(run: Path) -> None:
-    page = written(run, fit_of())
+def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(page: str) -> None:
     cards = page[page.index("Loops for all points</h2>"):page.index("Time traces</h2>")]
     measured, fitted = lines(cards, "m"), lines(cards, "p")
     assert len(measured) == len(fitted) == 4
@@ -109,14 +118,15 @@ def test_a_wrong_fit_is_seen_beside_the_measured_loops(run: Path) -> None:
     assert distance > 30.0
 
 
-def test_verdict_forces_loops_and_conditions_come_first_then_the_model_then_the_appendix(run: Path) -> None:
-    page = written(run, fit_of())
-    order = [">Model fits<", "peak-velocity plot", "Force loops", "Specimen and test conditions", "Model", "Appendix",
-             "Test points", "Quality of the fit", "Loops for all points", "Time traces",
-             "Standard damper tests", "Provenance"]
-    places = [page.index(text if text.startswith(">") else re.findall(f"[^>]*{text}[^<]*</h2>", page)[0])
-              for text in order]
-    assert places == sorted(places)
+def test_verdict_forces_loops_and_conditions_come_first_then_the_model_then_the_appendix(page: str) -> None:
+    headings = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
+    order = ["Forces and peak-velocity plot (PVP)", "Force loops", "Specimen and test conditions", "Model", "Appendix",
+             "Test points", "Quality of the fit", "Loops for all points", "Time traces", "Standard damper tests",
+             "Provenance"]
+    assert headings == order
+    assert page.index(">Model fits<") < page.index("Forces and peak-velocity plot (PVP)</h2>")
+    links = re.findall(r'<a href="#([^"]*)"', page)
+    assert re.findall(r'<h2 id="([^"]*)"', page) == links
 
 
 def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
@@ -138,8 +148,7 @@ def test_many_warnings_are_folded_and_none_is_lost(run: Path) -> None:
     assert all(f"warning number {k}<" in page for k in range(9))
 
 
-def test_verdicts_reasons_and_errors_of_every_point_are_in_the_table(run: Path) -> None:
-    page = written(run, fit_of())
+def test_verdicts_reasons_and_errors_of_every_point_are_in_the_table(page: str) -> None:
     assert page.count('class="chip good"') >= 4
     assert '<span class="chip poor">invalid</span>' in page
     assert "estop: &lt;stopped&gt; &amp; held" in page
@@ -147,8 +156,7 @@ def test_verdicts_reasons_and_errors_of_every_point_are_in_the_table(run: Path) 
     assert "2 of 3" in page
 
 
-def test_what_cannot_be_identified_stands_apart_with_its_reason(run: Path) -> None:
-    page = written(run, fit_of())
+def test_what_cannot_be_identified_stands_apart_with_its_reason(page: str) -> None:
     apart = page[page.index("Not identifiable"):]
     assert "eta" in apart
     assert "the current was constant in every test" in apart
@@ -206,15 +214,13 @@ def test_a_model_is_unknown_leaves_the_measured_loops(run: Path) -> None:
     assert lines(page, "p") == []
 
 
-def test_the_page_is_one_small_file_that_loads_nothing(run: Path) -> None:
-    page = written(run, fit_of())
+def test_the_page_is_one_small_file_that_loads_nothing(page: str) -> None:
     assert len(page) < LARGEST_BYTES
     assert not re.search(r"<script|<link|<img|<iframe|@import|url\(|src=|href=\"[^#]", page)
     assert "http" not in page
 
 
-def test_the_page_is_well_formed_and_every_chart_has_a_text_alternative(run: Path) -> None:
-    page = written(run, fit_of())
+def test_the_page_is_well_formed_and_every_chart_has_a_text_alternative(page: str) -> None:
     for svg in re.findall(r"<svg.*?</svg>", page):
         assert ElementTree.fromstring(svg).attrib["aria-label"]
 
@@ -238,8 +244,7 @@ def test_the_page_is_well_formed_and_every_chart_has_a_text_alternative(run: Pat
     assert parser.open == []
 
 
-def test_text_from_files_cannot_become_markup(run: Path) -> None:
-    page = written(run, fit_of(warnings=["<script>alert(1)</script>"]))
+def test_text_from_files_cannot_become_markup(page: str) -> None:
     assert "<script>" not in page
     assert "MR-&lt;001&gt;" in page
 
