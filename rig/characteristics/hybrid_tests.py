@@ -147,7 +147,10 @@ def _record(raw: Mapping[str, Mapping[str, Any]], reference: tuple[float, Ride])
     """Everything on equal steps of the test's own time."""
     count = min(len(values["value"]) for values in raw.values())
     columns = {name: np.asarray(values["value"], np.float64)[:count] for name, values in raw.items()}
-    test_s = columns["time"]
+    # While set-points wait for the rod or the computer, the test's own time stands still: one sample of each instant.
+    going = np.concatenate(([True], np.diff(columns["time"]) != 0.0)) if count else np.zeros(0, bool)
+    columns = {name: values[going] for name, values in columns.items()}
+    count, test_s = len(columns["time"]), columns["time"]
     known = np.isfinite(columns["seen"])
     if count < 3 or not np.all(np.diff(test_s) > 0.0) or not known.any():
         return None

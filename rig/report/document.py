@@ -156,7 +156,7 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     if measured.rest:
         more = [Paragraph(f"Loops of {len(measured.rest)} further motions are in the appendix.", small=True)]
     if not measured.first:
-        second = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
+        first = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),

@@ -11,6 +11,7 @@ from scenario_campaign import Setting, begin
 from watched_campaign import Ending
 
 from rig.characteristics.hybrid_tests import answer, hybrid_tests, write_hybrid
+from rig.display import SI
 from rig.document.html import fragment
 from rig.recording.run import Run
 from rig.report.hybrid import hybrid_section
@@ -51,7 +52,7 @@ def test_the_rod_follows_and_the_body_answers_as_the_whole_car_does(tmp_path: Pa
     rows = (ending.folder / "reference" / "hybrid-model.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0].startswith("time_s,target_m,seen_m,body_m,wheel_m,reference_extension_m")
     assert len(rows) > 390
-    assert "hybrid-none" in fragment(hybrid_section(tests))
+    assert "hybrid-none" in fragment(hybrid_section(tests, SI))
 
 
 @pytest.mark.apart
