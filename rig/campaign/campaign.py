@@ -13,12 +13,12 @@ from drivers import clock
 from drivers.roles import State as ControllerState
 from rig.bench.model import Bench
 from rig.campaign import resume
-from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
+from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, confirm_all, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
 from rig.campaign.file_copies import keep_bench
 from rig.campaign.live_link import LiveLink
-from rig.campaign.machine_resources import station_in_use
+from rig.campaign.machine_resources import devices_of, station_in_use
 from rig.campaign.manual_current import check_manual_current, manual_current_of
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
@@ -73,10 +73,11 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("expected either a bench file or --simulate, got both or neither")
-    matrix = load_matrix(options.matrix_path)
-    known = None
-    if options.bench_path is not None:
-        known = Bench.load(options.bench_path)
+    matrix = load_matrix(options.matrix_path).of_specimen(options.serial_number)
+    known = None if options.bench_path is None else Bench.load(options.bench_path)
+    if live is not None:
+        live.belongs_to((options.resume_path or options.out / "run").parent, () if known is None else devices_of(known))
+    if known is not None:
         if options.resume_path is not None:
             resume.same_campaign(options.resume_path, known, matrix)
         accepted(matrix, known)
@@ -136,6 +137,7 @@ def _stock(
         return Stock(matrix.points())
     resume.same_matrix(folder, matrix)
     stops = open_stops(folder)
+    confirm_all(stops, options.confirmed)
     confirm(stops, options.requalified)
     display.phase("checking the previous session")
     stock = replace(resume.take_stock(folder, matrix.points()), confirmed=stops)

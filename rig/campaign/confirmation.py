@@ -144,6 +144,26 @@ def confirm(stops: Iterable[EarlierStop], requalified: str) -> None:
         )
 
 
+def confirm_all(stops: Iterable[EarlierStop], confirmed: frozenset[str] | None) -> None:
+    """Refuse to resume where the operator was shown other stops than there are now.
+
+    Args:
+        stops: what was not confirmed yet.
+        confirmed: codes of the stops that the operator has confirmed; None: those that are printed on resuming.
+
+    Raises:
+        Refused: there is another one (slug `stops-changed`); nothing was connected.
+    """
+    others = [] if confirmed is None else [stop.text for stop in stops if stop.slug not in confirmed]
+    if others:
+        listed = "\n".join(others)
+        raise Refused(
+            "stops-changed",
+            f"this campaign was also stopped for a reason that was not confirmed:\n{listed}\nNothing was connected. "
+            "Fix: read the questions again, check the cause, then resume",
+        )
+
+
 def resume_command(folder: Path, resume: str = CONFIRM) -> str:
     """What to type to go on with a campaign after a stop of this class."""
     command = f"rig run --resume {shlex.quote(str(folder))}"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tomllib
 from pathlib import Path
 
 from rig.bench import named_files
 from rig.campaign_folder import CampaignFolder
-from rig.errors import Refused
+from rig.errors import FileProblem, Refused
 from rig.matrix import named_files as matrix_files
 from rig.recording.atomic_write import inner_folder, write_durably
 from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes, read_text
@@ -32,16 +33,22 @@ def keep_file(source: Path, kept: Path) -> None:
         raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error
 
 
-def keep_matrix(source: Path, kept: Path) -> None:
+def keep_matrix(source: Path, kept: Path, serial_number: str = "") -> None:
     """Keep a matrix file with the files that it names, so that the copy needs nothing outside its folder.
+
+    Args:
+        source: the matrix file.
+        kept: its copy.
+        serial_number: of the specimen, where it is not the one in the file; the copy then states this one.
 
     Raises:
         Refused: one cannot be copied.
-        FileProblem: one cannot be read.
+        FileProblem: one cannot be read, or its serial number cannot be replaced.
     """
     written = read_text(source, LARGEST_MATRIX_BYTES)
     text, files = matrix_files.kept(written, source.absolute().parent)
-    if not files:
+    text = with_serial_number(text, serial_number, str(source))
+    if not files and text == written:
         keep_file(source, kept)
         return
     try:
@@ -51,6 +58,33 @@ def keep_matrix(source: Path, kept: Path) -> None:
         write_durably(kept, text.encode())
     except OSError as error:
         raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error
+
+
+def with_serial_number(text: str, serial_number: str, name: str = "") -> str:
+    """A matrix file's text for another specimen; every other value and all comments stay as they are.
+
+    Args:
+        text: of the matrix file.
+        serial_number: of the specimen; empty: the one in the file.
+        name: of the file, for the message.
+
+    Raises:
+        FileProblem: the entry is written in a way that cannot be replaced.
+    """
+    wanted = tomllib.loads(text)
+    before = str(wanted["specimen"]["serial_number"])
+    if serial_number in {"", before}:
+        return text
+    wanted["specimen"]["serial_number"] = serial_number
+    entry = re.compile(rf"""(serial_number["']?\s*=\s*)(["']){re.escape(before)}\2""")
+    for match in entry.finditer(text):  # a comment or another table may hold such a line, too
+        changed = f"{text[: match.start()]}{match[1]}{json.dumps(serial_number)}{text[match.end() :]}"
+        if tomllib.loads(changed) == wanted:
+            return changed
+    raise FileProblem(name, [
+        'specimen.serial_number cannot be replaced in the copy of this file. Fix: write it in [specimen] as '
+        f'serial_number = "{before}"'
+    ])
 
 
 def kept_hashes(folder: Path) -> dict[str, str]:

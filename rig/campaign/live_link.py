@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -23,6 +23,7 @@ from rig.clock import utc_now
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.station.live_folder import (
     APPLICATION_SOCKET,
+    RIG,
     STATION_SOCKET,
     bound,
     make_live_folder,
@@ -100,6 +101,16 @@ class LiveLink:
         requested = None if self.requested_A is None else {"current_A": self.requested_A, "number": self._questions}
         confirm = [dict(stop) for stop in self.confirm]
         return {"paused": self.paused, "held": self.held, "confirm": confirm, "asked": requested}
+
+    def belongs_to(self, out: Path, devices: Iterable[str]) -> None:
+        """State which rig this is, for the page of a bench; one that cannot be written is not found by that page.
+
+        Args:
+            out: folder in which the campaign's folder is.
+            devices: names of the rig's devices; none of a simulated rig.
+        """
+        with contextlib.suppress(OSError):
+            replace_json(self.folder / RIG, {"out": str(out.resolve()), "devices": sorted(devices)})
 
     def ask_current(self, current_A: float) -> None:
         """Show a question for a current (A); answers to earlier ones are none to it."""

@@ -56,10 +56,7 @@ def locked(bench: Bench) -> Iterator[tuple[int, ...]]:
     Raises:
         Refused: another campaign on this machine holds one of them, or its lock cannot be had (slug `two-instances`).
     """
-    sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    source = (bench.ecu.port,) if bench.ecu.port else ()
-    addresses = (bench.actuator.url, *source, *(sensor.url for sensor in sensors))
-    devices = {device: address for address in addresses for device in device_names(address)}
+    devices = devices_of(bench)
     with contextlib.ExitStack() as held:
         descriptors = []
         # Always in the same order, so that two that start together cannot each hold what the other wants.
@@ -67,6 +64,14 @@ def locked(bench: Bench) -> Iterator[tuple[int, ...]]:
             descriptors.append(_lock(device, devices[device]))
             held.callback(os.close, descriptors[-1])
         yield tuple(descriptors)
+
+
+def devices_of(bench: Bench) -> dict[str, str]:
+    """Names of the devices of a bench, as `device_names`, and the address of each in the bench file."""
+    sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
+    source = (bench.ecu.port,) if bench.ecu.port else ()
+    addresses = (bench.actuator.url, *source, *(sensor.url for sensor in sensors))
+    return {device: address for address in addresses for device in device_names(address)}
 
 
 def device_names(address: str) -> tuple[str, ...]:

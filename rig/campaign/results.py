@@ -47,6 +47,9 @@ class CampaignOptions:
         resume_path: the directory of an earlier campaign to continue (then `out` does not count); None for a new one.
         requalified: what was checked or replaced after a stop that demands it, in the operator's words; empty: nothing.
         attended: an operator is at the terminal and can be asked to set a current.
+        serial_number: of the specimen, where it is not the one in the matrix file; empty: as in the file.
+        confirmed: codes of the stops whose causes the operator has confirmed before resuming; None: resuming confirms
+            all of them, as at the terminal, where they are printed.
     """
 
     matrix_path: Path
@@ -59,6 +62,8 @@ class CampaignOptions:
     resume_path: Path | None = None
     requalified: str = ""
     attended: bool = False
+    serial_number: str = ""
+    confirmed: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.recording.run import read_campaign
 from rig.test_point import LOOP
+from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
 
 ZERO_CHECKS = "zero_checks"
 """Entry of `campaign.json`: one for each session."""
@@ -144,7 +145,7 @@ def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, mat
         Refused: they cannot be written.
         FileProblem: one of them cannot be read.
     """
-    keep_matrix(options.matrix_path, CampaignFolder(folder).matrix)
+    keep_matrix(options.matrix_path, CampaignFolder(folder).matrix, options.serial_number)
     if options.bench_path is not None:
         keep_bench(options.bench_path, CampaignFolder(folder).bench)
     write_description(folder, bench, matrix, options)
@@ -225,6 +226,41 @@ def campaign_hash(bench: Bench, matrix: Matrix, matrix_digest: str | None = None
     matrix's own: one of its earlier ones.
     """
     return hashlib.sha256(f"{bench.digest}{matrix_digest or matrix.digest}".encode()).hexdigest()
+
+
+def plan_digest(matrix_path: Path, bench_path: Path, matrix: Matrix, bench: Bench) -> str:
+    """SHA-256 (hex) of everything that a plan was computed from: both files, and what they name.
+
+    Args:
+        matrix_path: the matrix file.
+        bench_path: the bench file.
+        matrix: the first one's content, as read before this call.
+        bench: the second one's.
+
+    Raises:
+        FileProblem: a file cannot be read.
+    """
+    files = (read_bytes(path, LARGEST_NAMED_FILE_BYTES) for path in (matrix_path, bench_path))
+    hashes = (campaign_hash(bench, matrix), *(hashlib.sha256(content).hexdigest() for content in files))
+    return hashlib.sha256("".join(hashes).encode()).hexdigest()
+
+
+def same_plan(planned: str, digest: str) -> None:
+    """Refuse to start anything else than what was planned.
+
+    Args:
+        planned: `plan_digest` of the plan that the operator saw.
+        digest: the present one.
+
+    Raises:
+        Refused: they differ (slug `plan-changed`); nothing was connected.
+    """
+    if planned != digest:
+        raise Refused(
+            "plan-changed",
+            "the matrix file or the bench file was changed after it was planned; no motion was started. Fix: read the "
+            "new plan, then start it",
+        )
 
 
 def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options: CampaignOptions) -> None:

@@ -1,9 +1,9 @@
-"""`rig page`: the operator's page of a run; and the part of `rig run` that serves pages."""
+"""`rig page`: the operator's page of a run or of a bench; and the part of `rig run` that serves pages."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.campaign_folder import CampaignFolder
-from rig.cli.options import Command, json_option, run_argument
+from rig.cli.options import LOGS, Command, RunPath, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, FileProblem, RigError
 from rig.page.settings import PageSettings
@@ -115,12 +115,15 @@ class RunLink:
 
 
 @contextmanager
-def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[RunLink]:
+def live_link(
+    settings: PageSettings | None, *, held: bool = False, operated: bool = False
+) -> Iterator[RunLink]:
     """A live folder for as long as the block runs, and a page where one is wanted; its address is printed.
 
     Args:
         settings: of the page; None: none is started, but `rig page RUN` finds the campaign.
         held: the campaign waits for Start.
+        operated: the page of a bench has started it, so that questions to the operator are shown there.
 
     Raises:
         PageProblem: the page cannot be served; nothing was begun.
@@ -135,13 +138,13 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
     try:
         link = LiveLink(held=held)
     except OSError:
-        if settings is not None:
+        if settings is not None or operated:
             raise
         yield RunLink(None)
         return
     with contextlib.ExitStack() as ends:
         ends.callback(link.close)
-        page = None
+        page, link.paged = None, operated
         if settings is not None:
             page = PageProcess.start(replace(settings, live=str(link.folder)))
             ends.callback(page.close)
@@ -157,17 +160,38 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 
 @click.command(
     name="page", cls=Command,
-    examples=("rig page logs/20260102T030405Z-MR-001-ab12cd", "rig page logs/RUN --page-address 127.0.0.1:8080"),
+    examples=(
+        "rig page --bench my-lab/bench.toml --matrices my-lab",
+        "rig page --bench my-lab/bench.toml --simulate --speed 5    (rehearsal)",
+        "rig page logs/20260102T030405Z-MR-001-ab12cd",
+    ),
 )
-@run_argument
+@click.argument("run", type=RunPath(), required=False)
+@click.option("--bench", type=click.Path(path_type=Path), metavar="FILE",
+              help="Operate this bench from the page: choose, plan, start and resume runs.")
+@click.option("--matrices", type=click.Path(path_type=Path), metavar="FOLDER",
+              help="With --bench: folder of the matrix files. The default is the folder of the bench file.")
+@click.option("--simulate", is_flag=True, help="With --bench: start runs on a simulated rig with the devices of the "
+                                               "bench file.")
+@click.option("--speed", type=click.FloatRange(0.01, 1000.0),
+              help="With --simulate: simulated seconds per real second. The default is 1.")
+@click.option("--new-tokens", is_flag=True, help="With --bench: replace the stored tokens; earlier addresses become "
+                                                 "invalid.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
+              help="With --bench: folder of the runs. The default is logs.")
 @page_options
 @json_option
 def command(
-    run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
+    run: Path | None, bench: Path | None, matrices: Path | None, simulate: bool, speed: float | None, new_tokens: bool,
+    out: Path | None, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool,
 ) -> int:
-    """Serve the operator's page for RUN (running or finished) until 'Close the page' is clicked or Ctrl-C is pressed.
+    """Serve the operator's page for RUN (running or finished), or for a bench.
 
-    The command prints the address as `page: URL`. Serving the page does not affect the campaign.
+    The page for RUN is served until 'Close the page' is clicked or Ctrl-C is pressed. The page for a bench is served
+    until Ctrl-C is pressed; its address and tokens remain the same when it is started again.
+
+    The command prints the address as `page: URL`. Runs do not depend on the page: they continue when the page is
+    closed or killed.
     """
     import asyncio
     from dataclasses import replace
@@ -176,10 +200,79 @@ def command(
     from rig.page.process import serve_page
 
     settings = page_settings(page_address, page_cert, page_key)
-    if settings is not None:
-        of_run = replace(settings, run=str(_campaign(run)))
+    if settings is None:
+        return EXIT_DONE
+    _check_usage(run, bench, {
+        "--matrices": matrices is not None, "--speed": speed is not None, "--out": out is not None,
+        "--simulate": simulate, "--new-tokens": new_tokens,
+    })  # fmt: skip
+    if bench is None:
+        of_run = replace(settings, run="" if run is None else str(_campaign(run)))
         asyncio.run(serve_page(of_run, partial(_announce, as_json=as_json)))
+        return EXIT_DONE
+    folders = (bench.parent if matrices is None else matrices), LOGS if out is None else out
+    _serve_bench(settings, bench, folders, 1.0 if speed is None else speed, simulate=simulate, new_tokens=new_tokens,
+                 as_json=as_json)
     return EXIT_DONE
+
+
+def _check_usage(run: Path | None, bench: Path | None, given: Mapping[str, bool]) -> None:
+    """Refuse contradictions before anything is read.
+
+    Args:
+        run: the run.
+        bench: the bench file.
+        given: the options of the page of a bench, and whether each is given.
+
+    Raises:
+        UsageError: with what to write instead.
+    """
+    if bench is None and any(given.values()):
+        raise click.UsageError(f"{next(name for name, is_given in given.items() if is_given)} requires --bench FILE")
+    if run is None and bench is None:
+        raise click.UsageError("specify RUN (see `rig runs`) or --bench FILE")
+    if run is not None and bench is not None:
+        raise click.UsageError("specify either RUN or --bench, not both; the page of a bench lists all its runs")
+    if given["--speed"] and not given["--simulate"]:
+        raise click.UsageError("--speed: only allowed with a simulated rig. Fix: add --simulate")
+
+
+def _serve_bench(
+    settings: PageSettings, bench_path: Path, folders: tuple[Path, Path], speed: float, *, simulate: bool,
+    new_tokens: bool, as_json: bool,
+) -> None:
+    """Serve the page of a bench until Ctrl-C.
+
+    Raises:
+        FileProblem: the bench file cannot be used, or there is no folder of matrix files.
+        PageProblem: the page cannot be served.
+    """
+    import asyncio
+
+    # loads numpy and pyserial: not needed for the help
+    from rig.bench.model import Bench
+    from rig.campaign.machine_resources import devices_of
+    from rig.campaign.simulated_rig import wearing
+    from rig.page import desk
+    from rig.page.lasting import LastingAddress
+    from rig.page.process import serve_bench
+
+    known, (matrices, out) = Bench.load(bench_path), folders
+    if simulate:
+        wearing(bench_path)  # a bench whose devices no simulated rig can have is refused now
+    if not matrices.is_dir():
+        raise FileProblem(str(matrices), ["no such folder. Fix: specify the folder of the matrix files (--matrices)"])
+    address = LastingAddress.opened(bench_path, renewed=new_tokens)
+    try:
+        if address.warning:
+            say(f"warning: {address.warning}", err=True)
+        bench = desk.Bench(
+            path=bench_path.resolve(), name=known.name, devices=frozenset(devices_of(known)),
+            matrices=matrices.resolve(), out=out.resolve(), state=address.folder, simulate=simulate, speed=speed,
+        )
+        asyncio.run(serve_bench(settings, bench, address, partial(_announce, as_json=as_json)))
+    finally:
+        address.close()
 
 
 def _announce(url: str, *, as_json: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +13,32 @@ from rig.cli.options import Command, json_option
 from rig.cli.output import console, write_json
 from rig.clock import utc_now
 from rig.errors import EXIT_DONE, EXIT_REFUSED
+
+if TYPE_CHECKING:
+    from rig.bench.model import Bench
+    from rig.matrix.model import Matrix
+    from rig.matrix.plan import Plan
+
+
+def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
+    """The plan of a matrix file on a bench, and what both files contain.
+
+    Raises:
+        FileProblem: a file cannot be used, or what is to be identified cannot be.
+        Refused: the bench does not meet a requirement of the matrix.
+    """
+    # loads numpy and pyserial: not needed for the help
+    from rig.campaign.setup import check_requirements
+    from rig.cli.analysis_check import check_analysis
+    from rig.matrix.model import load_files
+    from rig.matrix.plan import plan
+
+    tests, loaded = load_files(matrix, bench)
+    check_analysis(matrix, tests)
+    check_requirements(loaded, tests)
+    overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
+    result = plan(tests, loaded)
+    return replace(result, warnings=(*result.warnings, *overdue)), tests, loaded
 
 
 @click.command(
@@ -37,20 +64,11 @@ def command(matrix: Path, bench: Path, everything: bool, junit: Path | None, as_
     exit code is then 3. The exit code is also 3 if the bench does not meet a requirement of the matrix, as with `rig
     run`.
     """
-    # loads numpy and pyserial: not needed for the help
-    from rig.campaign.setup import check_requirements
-    from rig.cli.analysis_check import check_analysis
+    # loads numpy: not needed for the help
     from rig.cli.tables import PlanText
-    from rig.matrix.model import load_files
-    from rig.matrix.plan import plan
 
     with junit_report(junit, "plan", matrix=matrix, bench=bench) as report:
-        tests, loaded = load_files(matrix, bench)
-        check_analysis(matrix, tests)
-        check_requirements(loaded, tests)
-        overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
-        result = plan(tests, loaded)
-        result = replace(result, warnings=(*result.warnings, *overdue))
+        result = planned(matrix, bench)[0]
         take_plan(report, result)
     if as_json:
         write_json(result.to_json())

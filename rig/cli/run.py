@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         "rig run examples/table1.toml --bench my-bench.toml",
         "rig run examples/table1.toml --simulate --speed 50",
         "rig run examples/quick.toml --simulate -- --fault coil-open-short@3",
+        "rig run examples/table1.toml --bench my-bench.toml --serial-number MR-002",
         "rig run examples/hybrid-quarter.toml --simulate    (real-time hybrid test)",
         "rig run --resume logs/20260102T030405Z-MR-001-ab12cd",
     ),
@@ -60,6 +61,12 @@ if TYPE_CHECKING:
     help="With --resume, after a stop that requires requalification (e-stop, broken coil): description "
          "of what was checked or replaced.",
 )
+@click.option("--serial-number", metavar="TEXT", help="Serial number of the specimen, in place of the one in the "
+                                                      "matrix file.")
+# Options of the page of a bench (docs/maintainers/decisions/page-that-operates.md): what its operator has seen.
+@click.option("--planned", metavar="SHA256", hidden=True)
+@click.option("--confirmed", metavar="CODES", hidden=True)
+@click.option("--operated", is_flag=True, hidden=True)
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
 @click.option("--hold", is_flag=True, help="With --page: wait until the operator presses Start on the page.")
@@ -81,6 +88,8 @@ def command(
     resume: Path | None,
     requalified: str | None,
     no_identify: bool,
+    serial_number: str | None,
+    planned: str | None, confirmed: str | None, operated: bool,
     page: bool,
     page_address: str | None,
     page_cert: Path | None, page_key: Path | None,
@@ -103,16 +112,21 @@ def command(
         if real_time:
             simulator_args = (*simulator_args, "--real-time")
         _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
+        _check_specimen(serial_number, resume)
         words = _requalified(requalified, resume)
         settings = page_settings(page_address, page_cert, page_key, enabled=page, hold=hold, stay=stay)
         # loads numpy and pyserial: not needed for the help
         from rig.campaign.results import CampaignOptions
+        from rig.campaign.setup import plan_digest, same_plan
         from rig.cli.analysis_check import check_analysis
         from rig.cli.job import run_job
         from rig.matrix.model import load_files, load_matrix
 
         path = _matrix_path(matrix, resume)
-        tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
+        tests, known = (load_matrix(path), None) if bench is None else load_files(path, bench)
+        if planned is not None and bench is not None and known is not None:
+            same_plan(planned, plan_digest(path, bench, tests, known))
+        tests = tests.of_specimen(serial_number or "")
         if must_be_hybrid:
             _refuse_without_hybrid(tests, path)
         simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
@@ -130,10 +144,12 @@ def command(
             simulator_args=simulator_args,
             resume_path=resume, requalified=words,
             attended=_attended(as_json=as_json),
+            serial_number=serial_number or "",
+            confirmed=None if confirmed is None else frozenset(filter(None, confirmed.split(","))),
         )
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None
-        with live_link(settings, held=hold) as live:
+        with live_link(settings, held=hold, operated=operated) as live:
             result = run_job(options, wanted, shown, live, report)
             take_campaign(report, result.campaign, None if wanted is None else (result.fit is not None, result.error))
             _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
@@ -290,6 +306,16 @@ def _check_usage(
         if present and not simulate and (resume is None or bench is not None):
             raise click.UsageError(f"{name}: only allowed with a simulated rig. Fix: add --simulate, or pass {name} to "
                                    "`rig simulate`")  # fmt: skip
+
+
+def _check_specimen(serial_number: str | None, resume: Path | None) -> None:
+    """Refuse another specimen in the middle of a campaign.
+
+    Raises:
+        UsageError: a serial number is given for a resumed campaign.
+    """
+    if serial_number is not None and resume is not None:
+        raise click.UsageError("a resumed campaign keeps its specimen. Fix: remove --serial-number")
 
 
 def show_result(result: JobResult, shown: Console) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import random
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -28,6 +29,7 @@ from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.order_by_heat import by_heat
 from rig.matrix.report_table import ReportTable
 from rig.matrix.sections import (
+    IDENTIFIER,
     Campaign,
     CurrentStep,
     ExtraPoint,
@@ -78,6 +80,21 @@ class Matrix(Section):
         if self.sweep.order == "by heat" and self.temperature is not None:
             return by_heat(tuple(written), forecaster(self.specimen), self.temperature)
         return tuple(written)
+
+    def of_specimen(self, serial_number: str) -> Matrix:
+        """The same tests of another specimen; of the file's own with an empty serial number.
+
+        Raises:
+            FileProblem: this is not a valid serial number.
+        """
+        if not serial_number:
+            return self
+        if not re.fullmatch(IDENTIFIER, serial_number):
+            raise FileProblem("--serial-number", [
+                f"{serial_number!r:.80}: expected a letter or digit, followed by letters, digits, - or _ (at most 32 "
+                "characters)"
+            ])
+        return self.model_copy(update={"specimen": self.specimen.model_copy(update={"serial_number": serial_number})})
 
     @property
     def wants_fit(self) -> bool:

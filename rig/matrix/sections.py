@@ -54,8 +54,9 @@ CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC
 Cycles = Annotated[int, Field(ge=3, le=10_000, description="number of cycles at full amplitude; the first and the "
     "last are discarded")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
+IDENTIFIER = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
 Identifier = Annotated[
-    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"),
+    str, Field(pattern=IDENTIFIER),
     Wording("a letter or digit, followed by letters, digits, - or _ (at most 32 characters)", "MR-001"),
 ]  # fmt: skip
 

@@ -1,8 +1,9 @@
 """Who may open the page: judged for every request, HTTP or WebSocket, before anything of it is read.
 
 A request must name this server (`Host`), come from its own pages where a browser says from where (`Origin`), and carry
-one of the run's two tokens: the operator's, or one to hand to viewers. Tokens are drawn anew by every server, so that
-of a run that has ended opens nothing. Pure: headers in, a verdict out.
+one of two tokens: the operator's, or one to hand to viewers. Those of a run's page are drawn anew by every server, so
+that of a run that has ended opens nothing; those of a bench's page last (`rig.page.lasting`). Pure: headers in, a
+verdict out.
 """
 
 from __future__ import annotations
@@ -48,18 +49,16 @@ class Access:
     host: str
     port: int
     secure: bool = False
-    tokens: Mapping[Role, str] = field(
-        default_factory=lambda: {role: secrets.token_urlsafe(TOKEN_BYTES) for role in Role}, repr=False
-    )
+    tokens: Mapping[Role, str] = field(default_factory=lambda: new_tokens(), repr=False)
 
     @property
     def scheme(self) -> str:
         """Of its URLs."""
         return "https" if self.secure else "http"
 
-    def url(self, role: Role) -> str:
-        """The address to open as an operator or viewer."""
-        return f"{self.scheme}://{self.host}:{self.port}/?token={self.tokens[role]}"
+    def url(self, role: Role, path: str = "/") -> str:
+        """The address to open as an operator or viewer; `path` without a query."""
+        return f"{self.scheme}://{self.host}:{self.port}{path}?token={self.tokens[role]}"
 
     @property
     def authorities(self) -> frozenset[str]:
@@ -87,6 +86,11 @@ class Access:
         if len(given) != 1 or not matched:
             return Denied(401, "wrong-token")
         return matched[0]
+
+
+def new_tokens() -> dict[Role, str]:
+    """Tokens that no stranger can guess."""
+    return {role: secrets.token_urlsafe(TOKEN_BYTES) for role in Role}
 
 
 def _same(given: str, token: str) -> bool:

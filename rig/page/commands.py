@@ -10,6 +10,12 @@
     {"do": "clock"}                                       every client: the host's time, for latencies
     {"do": "close"}                                       an operator's client: end the page, once the run has ended
 
+On the page of a bench, answered by `rig.page.desk`:
+
+    {"do": "plan", "matrix": NAME}                        an operator's client; so is "questions" with "run": NAME
+    {"do": "begin", "matrix", "planned", "serial_number"} the holder of the lease; so are "resume" with "run",
+                                                          "confirmed", "requalified", and "make-report" with "run"
+
 There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
 application at once; the others to the application alone, which decides.
 """
@@ -32,6 +38,9 @@ LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 LONGEST_KEY = 64
 MOST_CONFIRMED = 100
+DESK_READS = frozenset({"plan", "questions"})
+DESK = DESK_READS | {"begin", "resume", "make-report"}
+"""What `rig.page.desk` answers; the first of it starts and changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,8 @@ class Client:
 
     role: Role
     key: str
+    bench: bool = False
+    """It shows the bench and no samples."""
 
 
 class Commands:
@@ -48,12 +59,12 @@ class Commands:
     Args:
         lease: the operator's.
         folder: the running campaign's live folder; None: nothing runs.
-        end: ends the page.
+        end: ends the page; None: that of a bench, which lasts.
         say: sends a datagram; False if it is not received.
     """
 
     def __init__(
-        self, lease: Lease, folder: Callable[[], Path | None], end: Callable[[], None],
+        self, lease: Lease, folder: Callable[[], Path | None], end: Callable[[], None] | None,
         say: Callable[[str | Path, dict[str, Any]], bool] = send_message,
     ) -> None:
         self._lease = lease
@@ -83,12 +94,25 @@ class Commands:
             return self._command(message, client)
         return _refused("unknown-command")
 
+    def refused_at_desk(self, do: str, client: Client) -> dict[str, Any] | None:
+        """Why this client may not ask this of the desk of a bench; None: it may."""
+        if client.role is not Role.OPERATOR:
+            return _refused("viewer", do)
+        if do in DESK_READS or self._lease.held_by(client.key):
+            return None
+        return _refused("no-lease", do)
+
+    def called(self, client: Client) -> str:
+        """For journals: the name typed with the lease, else what the client is."""
+        holder = self._lease.holder
+        return holder.name if holder is not None and holder.key == client.key else str(client.role)
+
     def _stop(self, client: Client) -> dict[str, Any]:
         """To both, in the order of who acts first; one that does not take it does not matter to the other."""
         folder = self._folder()
         if folder is None:
             return _refused("not-running", "stop")
-        message = {"do": "stop", "by": self._called(client)}
+        message = {"do": "stop", "by": self.called(client)}
         station = self._say(folder / STATION_SOCKET, message)
         application = self._say(folder / APPLICATION_SOCKET, message)
         if not (station or application):
@@ -99,15 +123,12 @@ class Commands:
         """End the page for all clients; never that of a campaign that runs, where it is a way to stop the rig."""
         if client.role is not Role.OPERATOR:
             return _refused("viewer", "close")
+        if self._end is None:
+            return _refused("lasting-page", "close")
         if self._folder() is not None:
             return _refused("still-running", "close")
         self._end()
         return {"do": "close", "ok": True}
-
-    def _called(self, client: Client) -> str:
-        """For journals: the name typed with the lease, else what the client is."""
-        holder = self._lease.holder
-        return holder.name if holder is not None and holder.key == client.key else str(client.role)
 
     def _hand_over(self, message: dict[str, Any], client: Client) -> dict[str, Any]:
         do = message["do"]
@@ -135,7 +156,7 @@ class Commands:
             return _refused("not-running", do)
         if not self._lease.held_by(client.key):
             return _refused("no-lease", do)
-        passed: dict[str, Any] = {"do": do, "by": self._called(client)}
+        passed: dict[str, Any] = {"do": do, "by": self.called(client)}
         if do == "start":
             confirmed = message.get("confirmed", [])
             if not isinstance(confirmed, list) or len(confirmed) > MOST_CONFIRMED:

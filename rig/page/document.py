@@ -1,4 +1,4 @@
-"""The page itself: one document with its style and scripts inside, so that nothing is fetched from anywhere.
+"""The pages themselves: documents with their style and scripts inside, so that nothing is fetched from anywhere.
 
 `static/vendor` holds uPlot, which draws the charts, unchanged as released, with its licence.
 """
@@ -10,43 +10,59 @@ import hashlib
 from functools import cache
 from importlib.resources import files
 
-SCRIPTS = ("series.js", "charts.js", "panels.js", "banner.js", "link.js", "page.js")
+RUN, BENCH = "page", "bench"
+"""The view of a run, and that of a bench."""
 LIBRARY, LIBRARY_STYLE, LIBRARY_LICENCE = "vendor/uPlot.iife.min.js", "vendor/uPlot.min.css", "vendor/uPlot.LICENSE"
+STYLES = {RUN: (LIBRARY_STYLE, "page.css"), BENCH: ("page.css", "bench.css")}
+SCRIPTS = {
+    RUN: ("dom.js", "series.js", "charts.js", "panels.js", "banner.js", "link.js", "page.js"),
+    BENCH: ("dom.js", "link.js", "bench.js"),
+}
 
 
 @cache
-def document() -> bytes:
-    """The whole page, UTF-8."""
-    page = _static("page.html").replace("/*LICENCE*/", _static(LIBRARY_LICENCE))
-    page = page.replace("/*STYLE*/", _style()).replace("/*LIBRARY*/", _static(LIBRARY))
-    return page.replace("/*SCRIPT*/", _script()).encode()
+def document(view: str = RUN) -> bytes:
+    """A whole page, UTF-8."""
+    page = _static(f"{view}.html").replace("/*LICENCE*/", _static(LIBRARY_LICENCE))
+    page = page.replace("/*STYLE*/", _joined(STYLES[view])).replace("/*LIBRARY*/", _static(LIBRARY))
+    return page.replace("/*SCRIPT*/", _joined(SCRIPTS[view])).encode()
 
 
 @cache
-def headers() -> dict[str, str]:
+def headers(view: str = RUN) -> dict[str, str]:
     """What goes with it: only what is in the page itself may run, and it may speak to this server alone."""
     policy = (
-        f"default-src 'none'; script-src '{_digest(_static(LIBRARY))}' '{_digest(_script())}'; "
-        f"style-src '{_digest(_style())}'; "
+        f"default-src 'none'; script-src '{_digest(_static(LIBRARY))}' '{_digest(_joined(SCRIPTS[view]))}'; "
+        f"style-src '{_digest(_joined(STYLES[view]))}'; "
         "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
-    return {
-        "Content-Type": "text/html; charset=utf-8",
-        "Content-Security-Policy": policy,
-        "Cache-Control": "no-store",
-        "Referrer-Policy": "no-referrer",
-        "X-Content-Type-Options": "nosniff",
-        "X-Frame-Options": "DENY",
-        "Cross-Origin-Opener-Policy": "same-origin",
-    }
+    return {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy, **GUARDS}
 
 
-def _style() -> str:
-    return _static(LIBRARY_STYLE) + _static("page.css")
+def report_headers() -> dict[str, str]:
+    """What goes with a report, which may come from anywhere: a page of nowhere (`sandbox`), whose scripts do not run.
+
+    It can neither read its address nor ask anything of this server.
+    """
+    policy = (
+        "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    )
+    return {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy, **GUARDS}
 
 
-def _script() -> str:
-    return "\n".join(map(_static, SCRIPTS))
+GUARDS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+def _joined(names: tuple[str, ...]) -> str:
+    return "\n".join(map(_static, names))
 
 
 def _static(name: str) -> str:

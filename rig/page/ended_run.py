@@ -24,10 +24,12 @@ from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.text_file import open_regular
 
-EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"')
+EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
 KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
 PEAK_FORCES = ("peak_force_rebound_N", "peak_force_compression_N")
+REQUESTED = frozenset({"operator", "sigint", "sigterm"})
+"""Codes of stops that were requested before the rig was connected: no refusals."""
 RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
 READ_S = 60.0
@@ -52,7 +54,10 @@ class EndedRun:
 
     @property
     def result(self) -> dict[str, Any]:
-        """How it ended: `valid`, `total`, `rig_state`, `stopped_by`, `points`, `lines`; or `cut_off`, with `points`."""
+        """How it ended: `valid`, `total`, `rig_state`, `stopped_by`, `points`, `lines`; or `cut_off`, with `points`.
+
+        With `refused` (a code) the last session did not begin, for the reason in `lines`; `points` are of those before.
+        """
         try:
             status = self._run.journal.stat()
         except OSError:
@@ -88,15 +93,23 @@ class EndedRun:
 
 def _result(journal: Path) -> dict[str, Any]:
     result: dict[str, Any] | None = None
+    refusal: dict[str, Any] | None = None
     points: dict[str, dict[str, Any]] = {}
     for event in _events(journal):
         kind = event.get("event")
         if kind == "result":
             result, points = event, {str(one.get("id")): one for one in _objects(event.get("points"))}
+            refusal = refusal if refusal is not None and refusal.get("slug") == event.get("stopped_by") else None
+        elif kind == "refused":
+            refusal = event
         elif kind in {"connected", "point"}:
-            result = None
+            result = refusal = None
         elif kind == "judged" and _rank(event) >= _rank(points.get(str(event.get("id")), {})):
             points[str(event.get("id"))] = event
+    if refusal is not None:
+        slug, lines = str(refusal.get("slug") or "usage"), [str(refusal.get("text") or "")]
+        cause = {"stopped_by": slug, "rig_state": "safe"} if slug in REQUESTED else {"refused": slug}
+        return {**cause, "points": list(points.values()), "lines": lines}
     if result is None:
         return {"cut_off": True, "points": list(points.values())}
     stop = result.get("stop")

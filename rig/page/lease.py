@@ -26,16 +26,18 @@ class Holder:
 
 
 class Lease:
-    """One campaign's.
+    """One campaign's, or that of a bench and of every campaign on it.
 
     Args:
         folder: the live folder, asked for anew each time; None: there is no campaign to command.
         now_ns: monotonic time.
+        lasting: of a bench: it can be had without a campaign, and does not end with one.
     """
 
-    def __init__(self, folder: Callable[[], Path | None], now_ns: Callable[[], int]) -> None:
+    def __init__(self, folder: Callable[[], Path | None], now_ns: Callable[[], int], *, lasting: bool = False) -> None:
         self._folder = folder
         self._now_ns = now_ns
+        self._lasting = lasting
         self._holder: Holder | None = None
         self._left_ns: int | None = None
         self._lock: int | None = None
@@ -43,9 +45,9 @@ class Lease:
 
     @property
     def holder(self) -> Holder | None:
-        """Who has it now; a lease ends with its campaign."""
+        """Who has it now; a lease ends with its campaign, that of a bench with its holder's absence."""
         left = self._left_ns is not None and self._now_ns() - self._left_ns > GRACE_NS
-        if self._holder is not None and (left or self._folder() != self._of):
+        if self._holder is not None and (left or (not self._lasting and self._folder() != self._of)):
             self._end()
         return self._holder
 
@@ -58,22 +60,33 @@ class Lease:
         holder = self.holder
         if holder is not None and holder.key != key:
             return "lease-taken"
-        if self._lock is None:
-            folder = self._folder()
-            try:
-                self._lock = None if folder is None else hold(folder / OPERATOR_LOCK)
-            except OSError:
-                folder = None
-            if self._lock is None:
-                return "not-running" if folder is None else "lease-taken"
-            self._of = folder
+        if not self._locked():
+            return "lease-taken"
+        if self._of is None and not self._lasting:
+            return "not-running"
         self._holder, self._left_ns = Holder(key, name), None
         return ""
 
+    def _locked(self) -> bool:
+        """Whether this process is the one that commands the campaign that runs; True where none runs."""
+        folder = self._folder()
+        if folder == self._of and (folder is None or self._lock is not None):
+            return True
+        self._unlock()
+        if folder is not None:
+            try:
+                self._lock = hold(folder / OPERATOR_LOCK)
+            except OSError:
+                return True  # the campaign is gone
+            if self._lock is None:
+                return False
+            self._of = folder
+        return True
+
     def held_by(self, key: str) -> bool:
-        """Whether this browser has it."""
+        """Whether this browser has it, and may command the campaign that runs."""
         holder = self.holder
-        return holder is not None and holder.key == key
+        return holder is not None and holder.key == key and (not self._lasting or self._locked())
 
     def left(self, key: str) -> None:
         """The last connection of this browser is gone: wait for it a while."""
@@ -92,6 +105,10 @@ class Lease:
 
     def _end(self) -> None:
         self._holder = self._left_ns = None
+        self._unlock()
+
+    def _unlock(self) -> None:
+        self._of = None
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None

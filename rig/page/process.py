@@ -12,22 +12,27 @@ import json
 import os
 import signal
 import socket
+import ssl
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from rig.errors import EXIT_DONE, EXIT_USAGE
 from rig.page.access import Access, Role
+from rig.page.desk import Bench, Desk
+from rig.page.lasting import LastingAddress
 from rig.page.server import PageServer
 from rig.page.settings import PageProblem, PageSettings
 from rig.page.watched_run import WatchedRun
 
+OTHER_PORTS = 50
+"""Tried in turn where a bench has no port yet."""
 LAST_WORDS_S = 1.0
 """After its campaign's end: the last state is still shown to viewers."""
 
 
-def listening(settings: PageSettings) -> socket.socket:
-    """A socket bound as asked for.
+def listening(settings: PageSettings, port: int | None = None) -> socket.socket:
+    """A socket bound as asked for, or to another port there.
 
     Raises:
         PageProblem: it cannot be bound.
@@ -35,7 +40,8 @@ def listening(settings: PageSettings) -> socket.socket:
     sock: socket.socket | None = None
     host = settings.host.strip("[]")
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, settings.port, type=socket.SOCK_STREAM)[0]
+        wanted = settings.port if port is None else port
+        family, kind, protocol, _, address = socket.getaddrinfo(host, wanted, type=socket.SOCK_STREAM)[0]
         sock = socket.socket(family, kind, protocol)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(address)
@@ -44,6 +50,49 @@ def listening(settings: PageSettings) -> socket.socket:
             sock.close()
         raise PageProblem(f"page address {settings.address!r}: the page cannot be served: {error}") from error
     return sock
+
+
+async def serve_bench(
+    settings: PageSettings, bench: Bench, address: LastingAddress, announce: Callable[[str], object]
+) -> None:
+    """Serve the page of a bench under its lasting address until SIGINT or SIGTERM; runs on the bench go on.
+
+    Args:
+        settings: where; without a port at the one that it had before.
+        bench: the bench.
+        address: its port and tokens; what is used is kept there.
+        announce: called with the operator's URL once it can be opened.
+
+    Raises:
+        PageProblem: it cannot be served as asked for.
+    """
+    tls = settings.context()
+    sock = lasting_socket(settings, address)
+    access = Access(settings.host, sock.getsockname()[1], tls is not None, address.tokens)
+    try:
+        address.keep(access.port, access.url(Role.OPERATOR))
+    except PageProblem:
+        sock.close()
+        raise
+    await _serve(Desk(bench), access, sock, tls, announce)
+
+
+def lasting_socket(settings: PageSettings, address: LastingAddress) -> socket.socket:
+    """A socket at the port that was asked for, else at the one that browsers know, else at the first free one.
+
+    Raises:
+        PageProblem: it cannot be bound.
+    """
+    if settings.port:
+        return listening(settings)
+    most = 1 if address.known else OTHER_PORTS
+    for port in range(address.port, address.port + most):
+        try:
+            return listening(settings, port)
+        except PageProblem as problem:
+            last = problem
+    raise PageProblem(f"{last}. Fix: end the program that uses port {address.port}, or choose another port once with "
+        f"--page-address {settings.host}:PORT")
 
 
 async def serve_page(settings: PageSettings, announce: Callable[[str], object]) -> None:
@@ -60,13 +109,21 @@ async def serve_page(settings: PageSettings, announce: Callable[[str], object]) 
     sock = listening(settings)
     access = Access(settings.host, sock.getsockname()[1], tls is not None)
     run = WatchedRun(*(Path(text) if text else None for text in (settings.run, settings.live)))
+    await _serve(run, access, sock, tls, announce, tied=settings.tied)
+
+
+async def _serve(
+    shown: WatchedRun | Desk, access: Access, sock: socket.socket, tls: ssl.SSLContext | None,
+    announce: Callable[[str], object], *, tied: bool = False,
+) -> None:
     loop, ending = asyncio.get_running_loop(), asyncio.Event()
-    page = PageServer(run, access, ending.set)
+    page = PageServer(shown, access, ending.set)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ending.set)
-    if settings.tied:
+    if tied:
         os.set_blocking(sys.stdin.fileno(), False)
         loop.add_reader(sys.stdin.fileno(), _watch_input, ending)
+    await page.refresh()
     server = await page.serve(sock, tls)
     sending, waiting = asyncio.create_task(page.send()), asyncio.create_task(ending.wait())
     try:
@@ -74,7 +131,7 @@ async def serve_page(settings: PageSettings, announce: Callable[[str], object]) 
         done, _ = await asyncio.wait([waiting, sending], return_when=asyncio.FIRST_COMPLETED)
         for task in done:
             task.result()  # a loop that failed ends the page with its traceback
-        if settings.tied:
+        if tied:
             page.send_changes()
             await asyncio.sleep(LAST_WORDS_S)
     finally:
@@ -82,7 +139,7 @@ async def serve_page(settings: PageSettings, announce: Callable[[str], object]) 
             task.cancel()
         server.close()
         await server.wait_closed()
-        run.close()
+        (shown.watched if isinstance(shown, Desk) else shown).close()
 
 
 def _watch_input(ending: asyncio.Event) -> None:

@@ -1,4 +1,4 @@
-"""The page's server: two addresses, `/` for the page and `/ws` for its data, and nothing else.
+"""The page's server: `/` for the page and `/ws` for its data; of a bench also `/run` and `/report/NAME`. Nothing else.
 
 One loop sends every client a frame of samples 25 times a second, and at times what has changed of the run. A browser
 that does not read gets nothing more until it does; one that talks too much is shown the door. None of this is waited
@@ -13,11 +13,11 @@ import math
 import socket
 import ssl
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
@@ -26,8 +26,9 @@ from websockets.http11 import Request, Response
 
 from rig.clock import monotonic_ns
 from rig.page.access import Access, Denied, Role
-from rig.page.commands import LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line
-from rig.page.document import document, headers
+from rig.page.commands import DESK, LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line, understood
+from rig.page.desk import Desk
+from rig.page.document import BENCH, RUN, document, headers, report_headers
 from rig.page.ended_run import recorded_frame
 from rig.page.lease import Lease
 from rig.page.samples import Frames, packed
@@ -56,6 +57,7 @@ MOST_UNSENT = 1 << 16
 SENT_AHEAD = 1 << 16
 """Bytes that the kernel may keep for a browser that reads slowly: what waits there grows old."""
 TOO_MUCH = 1008
+REPORTS = "/report/"
 _OPEN: dict[ServerConnection, bool] = {}
 """Connections of this process, oldest first, and whether each has shown a valid token."""
 
@@ -81,23 +83,28 @@ class Caller(ServerConnection):
 
 
 class PageServer:
-    """One run's page.
+    """The page of one run, or of a bench and whatever runs on it.
 
     Args:
-        run: the run that is shown.
+        run: the run that is shown; a desk shows its own.
         access: who may open it.
-        end: ends the page.
+        end: ends the page of a run.
         now_ns: monotonic time.
+        desk: of a bench.
     """
 
     def __init__(
-        self, run: WatchedRun, access: Access, end: Callable[[], None], now_ns: Callable[[], int] = monotonic_ns
+        self, run: WatchedRun | Desk, access: Access, end: Callable[[], None], now_ns: Callable[[], int] = monotonic_ns
     ) -> None:
-        self._run = run
+        self._desk = run if isinstance(run, Desk) else None
+        self._shown = run
         self._access = access
         self._now_ns = now_ns
-        self._lease = Lease(lambda: run.live_folder, now_ns)
-        self._commands = Commands(self._lease, lambda: run.live_folder, end)
+        self._lease = Lease(lambda: self._run.live_folder, now_ns, lasting=self._desk is not None)
+        self._commands = Commands(self._lease, lambda: self._run.live_folder, None if self._desk is not None else end)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._looking = asyncio.Lock()
+        self._sent_status: dict[str, Any] = {}
         self._clients: dict[ServerConnection, Client] = {}
         self._frames: tuple[RingReader, Frames] | None = None
         self._sent_lease: object = None
@@ -105,6 +112,11 @@ class PageServer:
         self._reading = asyncio.Lock()
         self._recorded: dict[tuple[str, int], bytes | None] = {}
         self._sending_recorded: dict[ServerConnection, set[asyncio.Task[None]]] = {}
+
+    @property
+    def _run(self) -> WatchedRun:
+        """The run that is shown now."""
+        return self._shown.watched if isinstance(self._shown, Desk) else self._shown
 
     async def serve(self, sock: Any, tls: ssl.SSLContext | None) -> Server:  # noqa: ANN401 - a bound socket
         """Begin to answer on a bound socket."""
@@ -114,7 +126,7 @@ class PageServer:
             create_connection=Caller,
         )  # fmt: skip
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """A page or a refusal; None: a WebSocket that may begin."""
         if getattr(request, "method", "GET") != "GET":  # websockets before 16 lets nothing else come this far
             return _response(405, "refused: only GET\n")
@@ -124,12 +136,27 @@ class PageServer:
         if connection in _OPEN:
             _OPEN[connection] = True
         place = urlsplit(request.path).path
-        if place == "/":
-            return Response(200, "OK", _headers(headers(), document()), document())
+        views = {"/": RUN} if self._desk is None else {"/": BENCH, "/run": RUN}
+        if place in views:
+            view = views[place]
+            return Response(200, "OK", _headers(headers(view), document(view)), document(view))
+        if self._desk is not None and place.startswith(REPORTS):
+            return await self._report(self._desk, unquote(place.removeprefix(REPORTS)))
         if place != "/ws":
             return _response(404, "not found\n")
         most = MOST_CLIENTS if access is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
         return _response(503, "refused: too-many-clients\n") if len(self._clients) >= most else None
+
+    @staticmethod
+    async def _report(desk: Desk, name: str) -> Response:
+        """The report of a run."""
+        try:
+            report = await asyncio.to_thread(desk.history.report, name)
+        except OSError:
+            report = None
+        if report is None:
+            return _response(404, "this run has no report\n")
+        return Response(200, "OK", _headers(report_headers(), report), report)
 
     async def _speak(self, connection: ServerConnection) -> None:
         """One browser, from its first to its last message."""
@@ -139,7 +166,7 @@ class PageServer:
         self._clients[connection] = client
         self._lease.back(client.key)
         try:
-            for message in (*self._whole(), self._standing(client)):
+            for message in (*self._whole(client), self._standing(client)):
                 await connection.send(written(message))
             await self._listen(connection)
         except ConnectionClosed:
@@ -159,8 +186,9 @@ class PageServer:
         access = self._access.check(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
         if not isinstance(access, Role):
             return None
-        key = parse_qs(urlsplit(request.path).query).get("client", [""])[0]
-        return Client(access, one_line(key, LONGEST_KEY) or str(connection.id))
+        query = parse_qs(urlsplit(request.path).query)
+        key = one_line(query.get("client", [""])[0], LONGEST_KEY) or str(connection.id)
+        return Client(access, key, self._desk is not None and query.get("view") == [BENCH])
 
     async def _listen(self, connection: ServerConnection) -> None:
         counted: Counter[int] = Counter()
@@ -171,6 +199,8 @@ class PageServer:
                 await connection.close(TOO_MUCH, "too many messages")
                 return
             client = self._clients[connection]
+            if self._desk is not None and self._asks_desk(self._desk, text, connection, client):
+                continue
             answer = self._commands.take(text, client)
             if answer.get("do") == "recorded" and "refused" not in answer:
                 answer = self._begin_recorded(connection, str(answer["point"]))
@@ -190,6 +220,59 @@ class PageServer:
         tasks.add(task)
         task.add_done_callback(tasks.discard)
         return {}
+
+    def _asks_desk(self, desk: Desk, text: str | bytes, connection: ServerConnection, client: Client) -> bool:
+        """Whether a message is for the desk of the bench; it answers later, and a stop does not wait for that."""
+        message = understood(text)
+        if message is None or message["do"] not in DESK:
+            return False
+
+        async def answer() -> None:
+            do = message["do"]
+            refused = self._commands.refused_at_desk(do, client)
+            reply = refused or await desk.answer(message, self._commands.called(client))
+            with suppress(ConnectionClosed):
+                await connection.send(written({"type": "answer", **reply}))
+            self._send_status(desk)
+            if do == "make-report" and "ok" in reply:
+                await self.refresh()
+
+        self._later(answer())
+        return True
+
+    def _later(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def refresh(self) -> None:
+        """Read the history of the bench again, and show it."""
+        if self._desk is None:
+            return
+        async with self._looking:
+            await asyncio.to_thread(self._desk.history.look)
+        self._desk.show_newest()
+        broadcast(self._on_bench(), written(self._history(self._desk)))
+        self._send_lease()
+
+    @staticmethod
+    def _history(desk: Desk) -> dict[str, Any]:
+        return {"type": "history", "runs": desk.history.runs}
+
+    def _on_bench(self) -> list[ServerConnection]:
+        """Connections that show the bench."""
+        return [connection for connection, client in self._clients.items() if client.bench]
+
+    def _on_run(self) -> list[ServerConnection]:
+        """Connections that show the run."""
+        return [connection for connection, client in self._clients.items() if not client.bench]
+
+    def _send_status(self, desk: Desk) -> None:
+        """What the bench's page shows, where it has changed."""
+        status = desk.status()
+        if status != self._sent_status:
+            self._sent_status = status
+            broadcast(self._on_bench(), written(status))
 
     async def _send_recorded(self, connection: ServerConnection, point: str) -> None:
         """The frame of a recorded point, with the point's id at its end; or a refusal."""
@@ -215,8 +298,10 @@ class PageServer:
                 self._recorded[version] = await asyncio.to_thread(recorded_frame, path)
             return self._recorded[version]
 
-    def _whole(self) -> tuple[dict[str, Any], ...]:
-        """All that there is to tell of the run."""
+    def _whole(self, client: Client) -> tuple[dict[str, Any], ...]:
+        """All that there is to tell a browser, of the run or of the bench."""
+        if self._desk is not None and client.bench:
+            return self._run.state(), self._desk.status(), self._history(self._desk)
         events = {"type": "events", "events": list(self._run.events), "all": True}
         return self._run.description(), self._run.results(), self._run.state(), events
 
@@ -227,7 +312,18 @@ class PageServer:
         return {
             "type": "standing", "role": str(client.role), "mine": mine, "holder": "" if holder is None else holder.name,
             "viewer_url": self._access.url(Role.VIEWER) if client.role is Role.OPERATOR else "",
+            **({} if self._desk is None else self._links(self._desk)),
         }  # fmt: skip
+
+    def _links(self, desk: Desk) -> dict[str, Any]:
+        """Of the page of a bench: that it is one, the run's report, and the token for addresses of reports.
+
+        Such an address is copied and sent around: it carries no more than a viewer's right.
+        """
+        run = self._run.run
+        entry = None if run is None else desk.history.entry(run.name)
+        report = run.name if run is not None and entry is not None and entry["report"] else ""
+        return {"bench": desk.bench.name, "report": report, "report_token": self._access.tokens[Role.VIEWER]}
 
     def _send_lease(self) -> None:
         self._sent_lease = self._lease.holder
@@ -242,14 +338,15 @@ class PageServer:
         loop = asyncio.get_running_loop()
         due_s = news_due_s = loop.time()
         while True:
-            if self._clients:
+            watched = bool(self._on_run())
+            if watched:
                 self.send_frame()
             else:
                 self._frames = None  # who comes next sees what is new then
             if due_s >= news_due_s:
                 self.send_changes()
                 news_due_s = due_s + NEWS_S - 0.5 * FRAME_S
-            due_s += FRAME_S if self._clients else NEWS_S
+            due_s += FRAME_S if watched else NEWS_S
             late_s = loop.time() - due_s
             if late_s > 0.0:  # what was missed is not made up for
                 due_s += late_s + SHORTEST_REST_S
@@ -265,11 +362,13 @@ class PageServer:
                 ring.skip_to_newest()
                 self._frames = ring, Frames(*self._run.frames_of())
             frame = self._frames[1].frame(ring.read(), self._now_ns() * 1e-9)
-        broadcast([one for one in self._clients if one.transport.get_write_buffer_size() < MOST_UNSENT], frame)
+        broadcast([one for one in self._on_run() if one.transport.get_write_buffer_size() < MOST_UNSENT], frame)
 
     def send_changes(self) -> None:
         """Plan, verdicts, state, events and lease, each where it has changed."""
         messages: list[dict[str, Any]] = []
+        if self._desk is not None:
+            self._look_after(self._desk)
         anew = self._run.began_or_ended()
         planned = self._run.changed(PLAN)
         if anew or planned or (self._run.live_folder is not None and not self._sent_run.get("devices")):
@@ -280,14 +379,25 @@ class PageServer:
         if self._run.changed(RESULTS) or anew:
             messages.append(self._run.results())
         if self._run.changed(STATE) or anew:
-            messages.append(self._run.state())
+            state = self._run.state()
+            messages.append(state)
+            broadcast(self._on_bench(), written(state))
         events = self._run.news()
-        if events:
-            messages.append({"type": "events", "events": events, "all": False})
+        if events or anew:
+            shown = list(self._run.events) if anew else events
+            messages.append({"type": "events", "events": shown, "all": anew})
         for message in messages:
-            broadcast(self._clients, written(message))
+            broadcast(self._on_run(), written(message))
         if self._lease.holder != self._sent_lease:
             self._send_lease()
+
+
+    def _look_after(self, desk: Desk) -> None:
+        """What runs on the bench now; what has ended goes into its history."""
+        if desk.look():
+            self._later(self.refresh())
+        if self._on_bench():
+            self._send_status(desk)
 
 
 def written(message: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ It is in shared memory, belongs to one user (mode 0700) and is removed with the 
 
     live.lock          held (`flock`) while the application runs
     operator.lock      held by the process that serves the operator: one at a time
+    rig.json           which rig, and the folder in which the campaign is recorded
     plan.json          the plan, written once; results.json, state.json: always replaced as a whole
     station.sock       datagrams to the station: a stop, nothing else
     application.sock   datagrams to the application: stop, pause, start, notes
@@ -19,6 +20,7 @@ import json
 import os
 import shutil
 import socket
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +37,7 @@ SHARED_MEMORY = Path("/dev/shm")
 LOCK = "live.lock"
 OPERATOR_LOCK = "operator.lock"
 PLAN, RESULTS, STATE = "plan.json", "results.json", "state.json"
+RIG = "rig.json"
 STATION_SOCKET, APPLICATION_SOCKET = "station.sock", "application.sock"
 LONGEST_DATAGRAM = 32768
 LONGEST_ADDRESS = 103
@@ -50,7 +53,7 @@ def make_live_folder(place: Path | None = None) -> tuple[Path, int]:
     Raises:
         OSError: it cannot be made.
     """
-    parent = place or (SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir()))
+    parent = place or _usual_place()
     for left in parent.glob(f"{PREFIX}*{SUFFIX}"):
         if _left_over(left):
             shutil.rmtree(left, ignore_errors=True)
@@ -61,10 +64,34 @@ def make_live_folder(place: Path | None = None) -> tuple[Path, int]:
     return folder, lock
 
 
+def _usual_place() -> Path:
+    return SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
+
+
+def running_folders(place: Path | None = None) -> list[Path]:
+    """Live folders of this user's campaigns that run now, the newest last."""
+    folders = []
+    for folder in (place or _usual_place()).glob(f"{PREFIX}*{SUFFIX}"):
+        with contextlib.suppress(OSError):
+            if _ours(folder) and held(folder / LOCK):
+                folders.append((folder.lstat().st_ctime_ns, folder))
+    return [folder for _, folder in sorted(folders)]
+
+
+def _ours(folder: Path) -> bool:
+    """A real folder of this user.
+
+    Raises:
+        OSError: it is gone.
+    """
+    state = folder.lstat()
+    return stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid()
+
+
 def _left_over(folder: Path) -> bool:
     """Ours, begun, and its application gone."""
     try:
-        if folder.lstat().st_uid != os.getuid() or not (folder / LOCK).exists():
+        if not _ours(folder) or not (folder / LOCK).exists():
             return False
     except OSError:
         return False

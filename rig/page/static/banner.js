@@ -64,7 +64,7 @@ function judge() {
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); legends(); redraw(); }
-  by_id("close").hidden = !(over && connected() && standing.role === "operator");
+  by_id("close").hidden = !(over && connected() && standing.role === "operator") || Boolean(standing.bench);
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && selected.some(Boolean)));
   document.title = `${verdict} – MR damper rig`;
   ages();

@@ -15,7 +15,7 @@ if (!key) {
 function connect() {
   clearTimeout(waiting);
   if (socket) { socket.onopen = socket.onmessage = socket.onclose = null; socket.close(); }
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?token=${encodeURIComponent(token)}&client=${key}`);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?token=${encodeURIComponent(token)}&client=${key}&view=${document.documentElement.dataset.view || ""}`);
   socket.binaryType = "arraybuffer"; opened_at = performance.now(); asked_at = 0; clock = null;
   socket.onopen = () => { heard_at = performance.now(); ask_clock(); send_stop(); };
   socket.onmessage = (event) => { heard_at = performance.now(); if (typeof event.data === "string") take(JSON.parse(event.data)); else frame(event.data); };

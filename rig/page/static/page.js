@@ -1,6 +1,5 @@
 // State from the server to the page, commands of the operator to the server.
 
-const by_id = (id) => document.getElementById(id);
 let series = new Map();
 let run = null, state = {}, results = {}, standing = {}, host_now = 0, host_at = 0, first_at = 0, drawn = true, drawn_at = 0;
 let selected = []; // by place of its colour: { id, stamp, name, series, end_s } of a finished point, or null
@@ -209,8 +208,7 @@ document.addEventListener("keydown", (event) => {
   if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S")) stop();
 });
 
-const dark = window.matchMedia("(prefers-color-scheme: dark)");
-function theme() { const chosen = localStorage.getItem("rig-page-theme"); document.documentElement.classList.toggle("dark", chosen ? chosen === "dark" : dark.matches); colours.clear(); drawn_at = 0; redraw(); draw_trends(); }
-dark.addEventListener("change", theme);
-by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); theme(); };
-theme(); connect(); setInterval(look_after, 250);
+function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); }
+dark.addEventListener("change", repaint);
+by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); repaint(); };
+repaint(); connect(); setInterval(look_after, 250);

@@ -1,20 +1,5 @@
 // Everything on the page except charts and banner, from the server's messages. Text is always set as text, never as markup.
 
-function element(name, text, kind) {
-  const made = document.createElement(name);
-  if (text !== undefined) made.textContent = text;
-  if (kind) made.className = kind;
-  return made;
-}
-function push_button(text, title, press) {
-  const button = element("button", text); button.type = "button"; button.title = title; button.onclick = press;
-  return button;
-}
-function answer(text) { by_id("answer").textContent = text; }
-function duration(s) {
-  if (typeof s !== "number") return "";
-  return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` : `${Math.max(0, Math.round(s))} s`;
-}
 function describe(one) {
   if (one.described) return one.described;
   return `${one.waveform} ${plain(1000 * one.amplitude_m)} mm, ${plain(one.frequency_Hz)} Hz, ${plain(one.current_A)} A`;
@@ -169,6 +154,9 @@ function show_standing() {
   const mine = standing.mine, viewer = standing.role === "viewer", here = document.activeElement, move = mine && (here === by_id("take") || here === by_id("name"));
   by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
   by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("release").hidden = !mine;
+  by_id("to-bench").hidden = !standing.bench; by_id("to-report").hidden = !standing.report || !state.ended;
+  by_id("to-bench").href = `/?token=${encodeURIComponent(token)}`;
+  if (standing.report) by_id("to-report").href = `/report/${encodeURIComponent(standing.report)}?token=${encodeURIComponent(standing.report_token)}`;
   by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
   if (mine && by_id("answer").textContent === MESSAGES["no-lease"]) answer("");
   buttons();

@@ -1,0 +1,343 @@
+"""What an operator does at a bench before, between and after runs: choose a matrix, read its plan, start, resume.
+
+The desk never owns a run. It starts `rig run` as if it were typed, and finds whatever runs on the bench by its live
+folder: started here, by an earlier page, or in a terminal. Whether anything moves is decided by `rig run` and the
+station alone, with all their checks; the desk adds what a person at a page must have seen before:
+
+- a plan: `rig run` is given the digest of the files that it was made of, and refuses others (`plan-changed`);
+- the stops to be confirmed before a run is resumed: `rig run` is given their codes, and refuses others
+  (`stops-changed`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rig.clock import monotonic_ns, utc_now
+from rig.page.commands import WORDS, one_line
+from rig.page.history import History
+from rig.page.matrices import Matrices
+from rig.page.started_run import StartedRun
+from rig.page.watched_run import WatchedRun
+from rig.station.live_folder import APPLICATION_SOCKET, RIG, read_json, running_folders, send_message
+
+LOOK_EVERY_NS = 1_000_000_000
+ANSWER_S = 180.0
+LARGEST_ANSWER_BYTES = 8_000_000
+SERIAL_NUMBER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
+LONGEST_REQUALIFIED = 500
+DIGEST = re.compile(r"[0-9a-f]{64}")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The bench of a page.
+
+    Attributes:
+        path: its file.
+        name: as in the file.
+        devices: names of its devices, by which its runs are recognised; unused for a simulated rig.
+        matrices: folder of the matrix files.
+        out: folder of the runs.
+        simulate: runs are on a simulated rig with the bench's devices.
+        speed: of that rig.
+        state: folder of what is kept for the page of this bench.
+    """
+
+    path: Path
+    name: str
+    devices: frozenset[str]
+    matrices: Path
+    out: Path
+    state: Path
+    simulate: bool = False
+    speed: float = 1.0
+
+    def owns(self, rig: Mapping[str, Any]) -> bool:
+        """Whether a campaign with this `rig.json` runs on this bench."""
+        devices = rig.get("devices")
+        named = {str(device) for device in devices} if isinstance(devices, list) else set()
+        if self.simulate:
+            return not named and rig.get("out") == str(self.out)
+        return not self.devices.isdisjoint(named)
+
+
+class Refusal(Exception):
+    """Why something is not done: a code, and words for the operator."""
+
+    def __init__(self, slug: str, text: str) -> None:
+        super().__init__(text)
+        self.slug = slug
+
+
+class Desk:
+    """The desk of one bench.
+
+    Args:
+        bench: the bench.
+        now_ns: monotonic time.
+        place: where live folders are; by default shared memory.
+    """
+
+    def __init__(self, bench: Bench, now_ns: Any = monotonic_ns, place: Path | None = None) -> None:  # noqa: ANN401 - a clock
+        self.bench = bench
+        self.matrices = Matrices(bench.matrices)
+        self.history = History(bench.out, simulated=bench.simulate)
+        self.watched = WatchedRun(None)
+        self.started = StartedRun.last(bench.state)
+        self.outcome: dict[str, Any] = {}
+        self._now_ns = now_ns
+        self._place = place
+        self._looked_ns = -LOOK_EVERY_NS
+        self._plans: dict[str, dict[str, Any]] = {}
+        self._busy = False
+        self._was_live: Path | None = None
+        if self.started is not None and not self.started.lives:
+            self.outcome = self.started.outcome()
+
+    # What runs
+
+    @property
+    def live_folder(self) -> Path | None:
+        """Of the campaign that runs on this bench; None: none does."""
+        return self.watched.live_folder
+
+    @property
+    def starting(self) -> bool:
+        """Something was started here and has not ended, whether its campaign is there yet or not."""
+        return self.started is not None and self.started.lives
+
+    def look(self) -> bool:
+        """Find what runs, about once a second; True where another run is watched than before."""
+        now_ns = self._now_ns()
+        if now_ns - self._looked_ns < LOOK_EVERY_NS:
+            return False
+        self._looked_ns = now_ns
+        if self.started is not None and not self.outcome and not self.started.lives:
+            self.outcome = self.started.outcome()
+        live = self.live_folder
+        if live is None and (found := self._found()) is not None:
+            self.watched.close()
+            self.watched, live = WatchedRun(None, found), found
+        changed, self._was_live = live != self._was_live, live
+        if live is not None:
+            self._send_words(live)
+        return changed
+
+    def _found(self) -> Path | None:
+        """The live folder of a campaign on this bench; of several the newest."""
+        own = [folder for folder in running_folders(self._place) if self.bench.owns(read_json(folder / RIG))]
+        return own[-1] if own else None
+
+    def _send_words(self, live: Path) -> None:
+        """What the operator entered before the start goes into the files of the run, once, by its application."""
+        started = self.started
+        if started is None or not started.words or not started.lives or not self.watched.run:
+            return
+        if send_message(live / APPLICATION_SOCKET, {"do": "words", "by": started.by, **started.words}):
+            self.started = replace(started, words={})
+            self.started.keep()
+
+    def show_newest(self) -> None:
+        """Watch the newest run where none is watched yet."""
+        newest = self.history.newest()
+        if self.watched.run is None and newest is not None and self.live_folder is None:
+            self.watched = WatchedRun(newest)
+
+    def status(self) -> dict[str, Any]:
+        """What a bench's page shows above its lists."""
+        run, started = self.watched.run, self.started
+        listed, note = self.matrices.listed()
+        live = self.live_folder is not None
+        return {
+            "type": "bench", "bench": self.bench.name, "file": self.bench.path.name, "simulate": self.bench.simulate,
+            "speed": self.bench.speed, "folder": str(self.bench.matrices), "out": str(self.bench.out),
+            "matrices": listed, "matrices_note": note, "running": live, "run": "" if run is None else run.name,
+            "starting": self.starting and not live,
+            "started": None if started is None else {"by": started.by, "title": started.title, "utc": started.utc},
+            "outcome": {} if self.starting else self.outcome,
+        }  # fmt: skip
+
+    # What is asked of it
+
+    async def answer(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`; `by` holds control.
+
+        One at a time: the processor is the rig's.
+        """
+        do = str(message["do"])
+        if self._busy:
+            return {"do": do, "refused": "busy", "text": "Another request is being processed. Try again in a moment."}
+        self._busy = True
+        try:
+            answers = {
+                "plan": self._plan, "questions": self._questions, "begin": self._begin, "resume": self._resume,
+                "make-report": self._make_report,
+            }  # fmt: skip
+            return {"do": do, **await answers[do](message, by)}
+        except Refusal as refusal:
+            return {"do": do, "refused": refusal.slug, "text": str(refusal)}
+        finally:
+            self._busy = False
+
+    def _idle(self) -> None:
+        """Refuse what must not be done while the rig is in use.
+
+        Raises:
+            Refusal: a run is in progress, starting, or being evaluated.
+        """
+        self._looked_ns = -LOOK_EVERY_NS
+        self.look()
+        if self.live_folder is not None:
+            ended = self.watched.state().get("ended")
+            run = "" if self.watched.run is None else self.watched.run.name
+            if ended:
+                raise Refusal("still-analysing", f"The report of {run} is being written. Try again in a moment.")
+            raise Refusal("already-running", f"A run is in progress on this bench: {run or 'starting'}.")
+        if self.starting and self.started is not None:
+            raise Refusal("already-running", f"{self.started.by} is starting a run: {self.started.title}.")
+
+    async def _plan(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+        del by
+        self._idle()
+        name = message.get("matrix")
+        path = self._matrix(name)
+        answer = await self._ask({"do": "plan", "matrix": str(path), "bench": str(self.bench.path)})
+        self._plans[str(name)] = {"planned": answer["planned"], "feasible": answer["feasible"]}
+        if not self.bench.simulate:
+            self.bench = replace(self.bench, devices=frozenset(map(str, answer["devices"])))
+        return {"ok": True, "matrix": str(name), **{key: answer[key] for key in (
+            "planned", "feasible", "serial_number", "blocks"
+        )}}  # fmt: skip
+
+    def _matrix(self, name: object) -> Path:
+        path = self.matrices.path(name)
+        if path is None:
+            raise Refusal("unknown-matrix", "This matrix file is no longer in the folder. Choose another one.")
+        return path
+
+    async def _begin(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+        self._idle()
+        name = str(message.get("matrix"))
+        path, planned = self._matrix(name), str(message.get("planned"))
+        known = self._plans.get(name)
+        if known is None or known["planned"] != planned or not DIGEST.fullmatch(planned):
+            raise Refusal("not-planned", "This is not the present plan of the matrix. Read the new plan, then start.")
+        if not known["feasible"]:
+            raise Refusal("matrix-infeasible", "The plan has points outside the limits of the bench.")
+        serial_number = str(message.get("serial_number", "")).strip()
+        if not SERIAL_NUMBER.fullmatch(serial_number):
+            raise Refusal("bad-serial-number", "Serial number: expected a letter or digit, followed by letters, "
+                          "digits, - or _ (at most 32 characters).")
+        rig = ("--simulate", f"--speed={self.bench.speed:g}") if self.bench.simulate else ()
+        arguments = (
+            str(path), f"--bench={self.bench.path}", *rig, f"--planned={planned}", f"--serial-number={serial_number}",
+            f"--out={self.bench.out}",
+        )  # fmt: skip
+        self._start(arguments, by, f"{name}, specimen {serial_number}", message)
+        return {"ok": True}
+
+    async def _questions(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+        del by
+        self._idle()
+        run = self._resumable(message.get("run"))
+        answer = await self._ask({"do": "questions", "run": str(self.bench.out / run["name"])})
+        return {"ok": True, "run": run["name"], **{key: answer[key] for key in ("stops", "requalify", "left_out")},
+                "left": run["left"], "total": run["total"], "specimen": run["specimen"]}  # fmt: skip
+
+    def _resumable(self, name: object) -> dict[str, Any]:
+        run = self.history.entry(name)
+        if run is None:
+            raise Refusal("unknown-run", "This run is not in the list.")
+        if not run["own"]:
+            other = "the simulated rig" if run["simulated"] else "hardware"
+            raise Refusal("another-rig", f"This run was recorded on {other}; this page operates another rig.")
+        if not run["resumable"]:
+            raise Refusal("nothing-left", "This run has no points left to run.")
+        return run
+
+    async def _resume(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+        self._idle()
+        run = self._resumable(message.get("run"))
+        name = str(run["name"])
+        asked = await self._ask({"do": "questions", "run": str(self.bench.out / name)})
+        given = message.get("confirmed")
+        confirmed = {str(slug) for slug in given} if isinstance(given, list) else set()
+        missing = [str(stop["slug"]) for stop in asked["stops"] if stop["slug"] not in confirmed]
+        if missing:
+            raise Refusal("not-confirmed", f"First confirm that you have checked the following: {', '.join(missing)}.")
+        requalified = one_line(message.get("requalified"), LONGEST_REQUALIFIED)
+        if asked["requalify"] and not requalified:
+            raise Refusal("requalify", "State what was checked or replaced (1 to 500 characters).")
+        self._idle()  # another browser may have started something meanwhile
+        arguments = (
+            f"--resume={self.bench.out / name}", f"--confirmed={','.join(str(one['slug']) for one in asked['stops'])}",
+            *(() if self.bench.simulate else (f"--bench={self.bench.path}",)),
+            *((f"--requalified={requalified}",) if requalified else ()),
+        )  # fmt: skip
+        self._start(arguments, by, f"resumed {name}", message)
+        return {"ok": True}
+
+    async def _make_report(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+        del by
+        self._idle()
+        run = self.history.entry(message.get("run"))
+        if run is None or not run["recorded"]:
+            raise Refusal("unknown-run", "This run has no recorded points.")
+        await self._ask({"do": "report", "run": str(self.bench.out / run["name"])})
+        return {"ok": True, "run": run["name"]}
+
+    def _start(self, arguments: tuple[str, ...], by: str, title: str, message: Mapping[str, Any]) -> None:
+        """Start `rig run`; everything since the last look at what runs is done without waiting.
+
+        Raises:
+            Refusal: it cannot be started.
+        """
+        texts = {key: one_line(message.get(key), WORDS[key]) for key in ("specimen", "note")}
+        words = {"operator": by, **{key: text for key, text in texts.items() if text}}
+        utc = utc_now().isoformat(timespec="seconds")
+        try:
+            self.started = StartedRun.start(
+                self.bench.state, (*arguments, "--operated", "--json"), by=by, title=title, utc=utc, words=words
+            )
+        except OSError as error:
+            raise Refusal("not-started", f"`rig run` cannot be started: {error.strerror or error}") from error
+        self.outcome = {}
+
+    async def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer of `rig.cli.page_answers`, a process of its own.
+
+        Raises:
+            Refusal: it refuses, or does not answer.
+        """
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "rig.cli.page_answers", stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL, start_new_session=True,
+            limit=LARGEST_ANSWER_BYTES,
+        )
+        answer: Any = None
+        try:
+            async with asyncio.timeout(ANSWER_S):
+                output, _ = await process.communicate(json.dumps(request).encode())
+            with contextlib.suppress(ValueError, RecursionError):
+                answer = json.loads(output)
+        except TimeoutError:
+            pass
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+        if not isinstance(answer, dict):
+            raise Refusal("no-answer", "The files could not be evaluated. Try the command in a terminal: `rig plan` or "
+                          "`rig run --resume`.")
+        if "refused" in answer:
+            raise Refusal(str(answer["refused"]), str(answer.get("text", "")))
+        return answer

@@ -1,0 +1,128 @@
+"""The runs of a folder as the page of a bench lists them: what was tested, how it ended, whether there is a report.
+
+From files alone, each read again when it has changed. Names from a browser are looked up in the list and never made
+into paths; no link is followed.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from rig.campaign_folder import CampaignFolder
+from rig.errors import FileProblem
+from rig.page.ended_run import EndedRun
+from rig.recording.run_index import by_age
+from rig.station.live_folder import LOCK, held, read_json
+from rig.text_file import open_regular
+
+MOST_RUNS = 100
+LARGEST_REPORT_BYTES = 64_000_000
+LONGEST_TEXT = 600
+
+
+class History:
+    """The runs of a folder, the newest first.
+
+    Args:
+        folder: where they are.
+        simulated: whether runs on the simulated rig are those of this bench, or all others.
+    """
+
+    def __init__(self, folder: Path, *, simulated: bool) -> None:
+        self.folder = folder
+        self._simulated = simulated
+        self._ended: dict[str, EndedRun] = {}
+        self.runs: list[dict[str, Any]] = []
+
+    def look(self) -> list[dict[str, Any]]:
+        """Read what has changed; the list."""
+        names = [name for name in by_age(self.folder)[-MOST_RUNS:] if self._is_run(name)]
+        self._ended = {name: self._ended.get(name) or EndedRun(self.folder / name) for name in names}
+        self.runs = [self._entry(name) for name in reversed(names)]
+        return self.runs
+
+    def _is_run(self, name: str) -> bool:
+        return name.isprintable() and not (self.folder / name).is_symlink()
+
+    def newest(self) -> Path | None:
+        """The newest run; None where there is none."""
+        return self.folder / self.runs[0]["name"] if self.runs else None
+
+    def entry(self, name: object) -> dict[str, Any] | None:
+        """A listed run by its name; None for any other name."""
+        return next((run for run in self.runs if run["name"] == name), None)
+
+    def report(self, name: object) -> bytes | None:
+        """The report of a listed run; None where there is none that is a regular file of its folder.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        if self.entry(name) is None:
+            return None
+        path = CampaignFolder(self.folder / str(name)).report
+        if path.is_symlink():
+            return None
+        try:
+            with open_regular(path) as file:
+                content = file.read(LARGEST_REPORT_BYTES + 1)
+        except (FileProblem, FileNotFoundError):
+            return None
+        return content if len(content) <= LARGEST_REPORT_BYTES else None
+
+    def _entry(self, name: str) -> dict[str, Any]:
+        run = CampaignFolder(self.folder / name)
+        described, result = read_json(run.description), self._ended[name].result
+        verdicts = [str(point.get("verdict", "")) for point in result["points"]]
+        planned = described.get("points")
+        total = max(len(planned) if isinstance(planned, list) else 0, len(verdicts))
+        valid, suspect = verdicts.count("valid"), verdicts.count("suspect")
+        ended, slug = self._ending(run, result)
+        simulated = isinstance(described.get("simulated"), dict)
+        own = simulated is self._simulated
+        left = total - valid - suspect
+        return {
+            "name": name, "specimen": _text(described.get("specimen"), 80),
+            "started": _text(described.get("started_utc"), 19), "bench": _text(described.get("bench"), 80),
+            "simulated": simulated, "total": total, "valid": valid, "suspect": suspect,
+            "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
+            "rig_state": _text(result.get("rig_state"), 20),
+            "text": _sentences(result.get("lines")),
+            "report": run.report.is_file() and not run.report.is_symlink(), "recorded": _has_files(run.points),
+            "resumable": own and left > 0 and ended != "running" and run.matrix.is_file(), "own": own, "left": left,
+        }
+
+    @staticmethod
+    def _ending(run: CampaignFolder, result: dict[str, Any]) -> tuple[str, str]:
+        """How a run ended: a word, and the code of what stopped it."""
+        live = str(read_json(run.live_link).get("folder", ""))
+        if live and held(Path(live) / LOCK):
+            return "running", ""
+        if not run.journal.is_file():
+            return "imported", ""
+        if result.get("refused"):
+            return "refused", str(result["refused"])
+        if result.get("cut_off"):
+            return "interrupted", ""
+        stopped = result.get("stopped_by")
+        return ("stopped", str(stopped)) if stopped else ("finished", "")
+
+
+def _sentences(lines: object) -> str:
+    """Lines in one, each with its end."""
+    texts = [str(line).strip() for line in lines] if isinstance(lines, list) else []
+    return " ".join(text if text[-1] in ".!?:;" else f"{text}." for text in texts if text)[:LONGEST_TEXT]
+
+
+def _text(value: object, most: int) -> str:
+    return "".join(sign for sign in str(value or "")[:most] if sign.isprintable())
+
+
+def _has_files(points: Path) -> bool:
+    try:
+        with os.scandir(points) as entries:
+            return any(entry.name.endswith(".h5") for entry in entries)
+    except OSError:
+        return False

@@ -1,0 +1,212 @@
+// The bench: choose a matrix, read its plan, start; resume a run; reports. What moves the rig is checked by `rig run` and the station.
+
+let state = {}, standing = {}, bench = {}, runs = [], plan = null, planning = "", asked = null, going = false;
+window.rigBench = { get state() { return state; }, get bench() { return bench; }, get runs() { return runs; }, get plan() { return plan; } };
+
+const WORDS = {
+  "lease-taken": "Another operator has control.", "viewer": "This address is for viewers; viewers can only stop the rig.",
+  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The run is not responding.",
+  "not-running": "No run is in progress.",
+};
+const with_token = (path, own = token) => `${path}?token=${encodeURIComponent(own)}`;
+const report_of = (name) => with_token(`/report/${encodeURIComponent(name)}`, standing.report_token || token);
+function busy() { return Boolean(bench.running || bench.starting); }
+function frame() {}
+function gauges() {}
+
+function take(message) {
+  if (message.type === "state") state = message;
+  else if (message.type === "bench") { bench = message; show_matrices(); }
+  else if (message.type === "history") { runs = message.runs; show_history(); }
+  else if (message.type === "standing") { standing = message; show_standing(); show_history(); if (bench.matrices) show_matrices(); }
+  else if (message.type === "answer") answered(message);
+  remember();
+  if (going && bench.running && state.running && !state.ended) { location.assign(with_token("/run")); return; }
+  if (going && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) going = false;
+  judge();
+}
+
+// Banner: the worst that is known. A run's own page shows more of it.
+
+function opinion() {
+  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig using its own controls."];
+  if (!connected()) return ["bad", "✗", "NO CONNECTION", "The page is not being served, or the network is down. A run in progress continues. Inspect the rig; start `rig page` again."];
+  if (bench.running && !state.ended) {
+    if (state.stopping || state.phase === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", bench.run];
+    if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig using its own controls"];
+    const left = typeof state.time_left_s === "number" ? `, ${duration(state.time_left_s)} left` : "";
+    return ["good", "▶", state.phase === "paused" ? "PAUSED" : "RUNNING", `${bench.run || "preparing"}: ${state.phase || "starting"}${state.point ? `, ${state.point}` : ""}${left}`];
+  }
+  if (bench.running) return ["wait", "…", "EVALUATING", `The run has ended; identifying the damper and writing the report of ${bench.run}.`];
+  if (bench.starting && bench.started) return ["wait", "…", "STARTING", `${bench.started.title} (${bench.started.by})`];
+  const outcome = bench.outcome || {}, last = runs[0];
+  if (outcome.broken) return ["bad", "✗", "NOT OK", `${outcome.text} Inspect the rig before continuing.`];
+  if (outcome.refused) return ["bad", "✗", "REFUSED", `${outcome.text} (${outcome.refused})`];
+  return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No run on file yet."];
+}
+function of_last(last) {
+  const counts = `${last.valid} of ${last.total} points valid`, name = `Last run (${last.specimen || last.name})`;
+  if (last.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: inspect the rig before continuing. ${last.text}`];
+  if (last.ended === "interrupted") return ["bad", "✗", "INTERRUPTED", `${name} ended without a result (process killed or power failure). Inspect the rig before you resume the run.`];
+  if (last.ended === "refused") return ["bad", "✗", "REFUSED", `${name}: ${last.text}`];
+  if (last.ended === "stopped") return ["bad", "■", "STOPPED", `${name}: ${counts}. ${last.text}`];
+  if (last.ended === "finished" && last.valid < last.total) return ["bad", "?", "CHECK", `${name}: ${counts}. ${last.text}`];
+  return ["wait", "Ⅱ", "READY", last.ended === "finished" ? `${name}: all ${last.total} points valid.` : `${name}: ${last.ended}.`];
+}
+function judge() {
+  const [kind, sign, verdict, why] = opinion(), last = runs[0], banner = by_id("banner"), idle = connected() && !busy();
+  if (banner.className !== kind) banner.className = kind;
+  for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
+  document.title = `${verdict} – ${bench.bench || "MR damper rig"}`;
+  by_id("stop").hidden = !bench.running || Boolean(state.ended);
+  by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken));
+  by_id("watch").hidden = !bench.run; by_id("watch").href = with_token("/run");
+  by_id("watch").textContent = bench.running ? "Watch the run" : "Last run";
+  by_id("last-report").hidden = !(idle && last && last.report);
+  if (last && by_id("last-report").dataset.name !== last.name + standing.report_token) { by_id("last-report").href = report_of(last.name); by_id("last-report").dataset.name = last.name + standing.report_token; }
+  by_id("resume-last").hidden = !(idle && last && last.resumable && standing.role === "operator");
+  buttons();
+}
+
+// Control
+
+function show_standing() {
+  const viewer = standing.role === "viewer", mine = standing.mine;
+  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
+  by_id("lease").hidden = viewer; by_id("take").hidden = mine; by_id("name").hidden = mine; document.querySelector("label[for=name]").hidden = mine; by_id("release").hidden = !mine;
+  by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
+  if (mine && by_id("answer").textContent === WORDS["no-lease"]) answer("");
+}
+function buttons() {
+  const may = standing.mine && connected() && !busy() && !going, ticks = [...document.querySelectorAll("#confirm input")];
+  const set = (id, yes) => { if (by_id(id).disabled === Boolean(yes)) by_id(id).disabled = !yes; };
+  set("start", may && plan && plan.feasible);
+  set("resume-now", may && asked && ticks.every((tick) => tick.checked) && (!asked.requalify || by_id("requalified").value.trim()));
+  const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : "";
+  if (by_id("why-not").textContent !== why) by_id("why-not").textContent = why;
+}
+
+// Matrices and plan
+
+function show_matrices() {
+  by_id("bench-name").textContent = `${bench.bench}${bench.simulate ? ` (SIMULATED, ${bench.speed} × real time)` : ""}`;
+  by_id("folders").textContent = `bench ${bench.file}; matrices in ${bench.folder}; runs in ${bench.out}`;
+  const list = by_id("matrices"), shown = JSON.stringify([bench.matrices, plan && plan.matrix, planning, standing.role]);
+  by_id("matrices-note").textContent = bench.matrices_note || (bench.matrices.length ? "" : "No matrix files in this folder.");
+  if (list.dataset.shown === shown) return;
+  const focused = document.activeElement && list.contains(document.activeElement) ? document.activeElement.dataset.name : "";
+  list.dataset.shown = shown; list.replaceChildren();
+  for (const one of bench.matrices) {
+    const item = element("li"), choose = push_button(one.name, `plan ${one.name} on this bench`, () => ask_plan(one.name));
+    choose.dataset.name = one.name; choose.setAttribute("aria-pressed", String((planning || (plan && plan.matrix)) === one.name));
+    if (one.remark) choose.className = "wrong";
+    choose.disabled = standing.role !== "operator";
+    choose.append(element("span", one.remark || (one.serial_number ? `specimen ${one.serial_number}` : ""))); item.append(choose); list.append(item);
+    if (one.name === focused) choose.focus();
+  }
+}
+let remembered = false;
+function remember() { // the matrix of before, after a run or a reload
+  if (remembered || !bench.matrices || !standing.role) return;
+  remembered = true;
+  const name = sessionStorage.getItem("rig-bench-matrix");
+  if (standing.role === "operator" && !busy() && bench.matrices.some((one) => one.name === name && !one.remark)) ask_plan(name);
+}
+function ask_plan(name) {
+  asked = null; plan = null; planning = name; by_id("resume").hidden = true; by_id("begin").hidden = true;
+  sessionStorage.setItem("rig-bench-matrix", name);
+  by_id("plan").replaceChildren(); by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = `Planning ${name} …`; by_id("plan-head").textContent = "2. Read the plan, then start"; answer("");
+  if (!say({ do: "plan", matrix: name })) planning = "";
+  show_matrices(); buttons();
+}
+function show_plan(message) {
+  planning = "";
+  if (message.refused) {
+    by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "There is no plan of this matrix:";
+    by_id("plan").replaceChildren(...words_of(message).split("\n").map((line) => element("p", line, "poor"))); show_matrices(); return;
+  }
+  plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false; by_id("serial").value = message.serial_number;
+  by_id("plan-head").textContent = `2. Plan of ${message.matrix}`;
+  by_id("plan").replaceChildren(...message.blocks.filter((block) => block.text !== "").map(show_block)); by_id("plan").scrollTop = 0;
+  show_matrices();
+}
+function show_block(block) {
+  if (block.kind !== "table") return element("p", block.text, block.kind === "note" ? block.level : "");
+  const made = element("table"), head = element("tr"), body = element("tbody"), top = element("thead");
+  for (const column of block.columns) head.append(element("th", `${column.title}${column.unit ? ` / ${column.unit}` : ""}`, column.numeric ? "numeric" : ""));
+  for (const row of block.rows) {
+    const line = element("tr", undefined, row.level);
+    row.cells.forEach((cell, index) => line.append(element("td", cell, block.columns[index] && block.columns[index].numeric ? "numeric" : "")));
+    body.append(line);
+  }
+  top.append(head); made.append(top, body); return made;
+}
+
+// Resuming
+
+function ask_questions(name) { answer(""); say({ do: "questions", run: name }); }
+function show_questions(message) {
+  asked = message; plan = null; by_id("begin").hidden = true; by_id("plan").replaceChildren(); by_id("plan-empty").hidden = true;
+  by_id("plan-head").textContent = `Resume ${message.run}`; by_id("resume").hidden = false; by_id("requalified-box").hidden = !message.requalify; by_id("requalified").value = "";
+  by_id("resume-head").textContent = `Specimen ${message.specimen}: ${message.left} of ${message.total} points left. All checks are repeated; valid points are kept.${message.stops.length ? " Confirm each cause of the stop:" : ""}`;
+  by_id("left-out").textContent = message.left_out.length ? `Options of the first simulated rig that are not used again: ${message.left_out.join(", ")}.` : "";
+  by_id("confirm").replaceChildren();
+  for (const one of message.stops) {
+    const label = element("label"), tick = element("input"); tick.type = "checkbox"; tick.value = one.slug; tick.onchange = buttons;
+    label.append(tick, element("span", `${one.slug} (${one.stop}, ${one.utc.slice(0, 19)} UTC): ${one.detail || "no detail"} – checked and fixed: ${one.look_at}`)); by_id("confirm").append(label);
+  }
+  show_matrices(); by_id("plan-box").scrollIntoView({ block: "nearest" }); (document.querySelector("#confirm input") || by_id("resume-now")).focus(); buttons();
+}
+function cancel() { asked = null; by_id("resume").hidden = true; by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "Choose a matrix to see its plan on this bench."; by_id("plan-head").textContent = "2. Read the plan, then start"; buttons(); }
+
+// History
+
+const ENDINGS = { finished: "finished", stopped: "stopped", refused: "refused", interrupted: "interrupted", running: "running", imported: "imported" };
+function local(utc) { return utc ? new Date(`${utc}Z`).toLocaleString("sv-SE").slice(0, 16) : ""; }
+function show_history() {
+  const body = by_id("history").tBodies[0], focused = document.activeElement && body.contains(document.activeElement) ? document.activeElement.dataset.name : "";
+  body.replaceChildren();
+  for (const run of runs) {
+    const row = element("tr"), good = run.ended === "finished" && run.valid === run.total, acts = element("td", undefined, "acts");
+    if (!good && !["running", "imported"].includes(run.ended)) row.className = "bad";
+    const text = `${ENDINGS[run.ended] || run.ended}${run.slug ? `: ${run.slug}` : ""}${run.rig_state === "unknown" ? "; RIG STATE UNKNOWN" : ""}`;
+    const result = element("td"); result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), element("span", text)); if (run.text) result.append(element("div", run.text.length > 160 ? `${run.text.slice(0, 160)} …` : run.text, "small"));
+    const points = `${run.valid} of ${run.total} valid${run.suspect ? `, ${run.suspect} suspect` : ""}${run.invalid ? `, ${run.invalid} invalid` : ""}`;
+    if (run.report) { const link = element("a", "Report"); link.href = report_of(run.name); link.target = "_blank"; link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name}`); acts.append(link); }
+    if (standing.role === "operator") {
+      if (!run.report && run.recorded && run.ended !== "running") acts.append(act("Make report", run, () => say({ do: "make-report", run: run.name })));
+      if (run.resumable) acts.append(act("Resume…", run, () => ask_questions(run.name)));
+    }
+    row.append(element("td", local(run.started)), element("td", `${run.specimen}${run.simulated ? " (simulated)" : ""}`), result, element("td", points), element("td", run.name, "small"), acts);
+    body.append(row);
+  }
+  if (focused) { const again = body.querySelector(`[data-name="${CSS.escape(focused)}"]`); if (again) again.focus(); }
+}
+function act(text, run, press) { const made = push_button(text, `${text} ${run.name}`, press); made.dataset.name = `${text} ${run.name}`; made.setAttribute("aria-label", `${text} ${run.name}`); return made; }
+
+function words_of(message) { return message.text || WORDS[message.refused] || message.refused; }
+function answered(message) {
+  if (message.do === "clock" && message.ok) { clock_answered(message); return; }
+  if (message.do === "stop") stop_answered(message);
+  if (message.do === "plan") { show_plan(message); return; }
+  if (message.do === "questions" && message.ok) { show_questions(message); return; }
+  if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
+  if (message.do === "begin" && ["plan-changed", "not-planned"].includes(message.refused) && plan) ask_plan(plan.matrix);
+  answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");
+}
+
+by_id("stop").onclick = stop;
+by_id("lease").onsubmit = (event) => { event.preventDefault(); say({ do: "lease", name: by_id("name").value }); };
+by_id("release").onclick = () => say({ do: "release" });
+by_id("resume-last").onclick = () => ask_questions(runs[0].name);
+by_id("cancel").onclick = cancel;
+by_id("requalified").oninput = buttons;
+by_id("begin").onsubmit = (event) => { event.preventDefault(); if (plan) say({ do: "begin", matrix: plan.matrix, planned: plan.planned, serial_number: by_id("serial").value.trim(), specimen: by_id("specimen").value, note: by_id("note").value }); };
+by_id("resume").onsubmit = (event) => { event.preventDefault(); if (asked) say({ do: "resume", run: asked.run, confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value), requalified: by_id("requalified").value }); };
+document.addEventListener("keydown", (event) => {
+  const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
+  if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();
+});
+dark.addEventListener("change", theme);
+by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); theme(); };
+theme(); connect(); setInterval(look_after, 250);
