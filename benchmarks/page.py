@@ -1,11 +1,12 @@
 """What the operator's page costs and how fast it is: processor, memory, Stop, pointer, a sample's way to the screen.
 
-    python benchmarks/page.py [--seconds 30] [--viewers 1] [--stops 200] [--no-browser] [--json]
+    python benchmarks/page.py [--seconds 30] [--viewers 1] [--stops 200] [--bench] [--no-browser] [--json]
     python benchmarks/page.py periods [--minutes 5] [--poll-ms 4] [--no-real-time] [--json]
 
 `periods` is another question: whether the page costs the station any of its periods (`page_periods.py`).
 A ring is filled here as a station fills it (3 sensors x 250 Hz, controller and ECU 100 Hz); the page is a process as
-`rig run --page` starts it. A stop is timed from a browser's end of the WebSocket to the station's call that stops the
+`rig run --page` starts it, with `--bench` that of `rig page --bench`.
+A stop is timed from a browser's end of the WebSocket to the station's call that stops the
 rig; `stop_latency.py` has the way from there to the wire.
 """
 
@@ -19,6 +20,8 @@ import os
 import platform
 import queue
 import shutil
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -112,7 +115,27 @@ async def looked_at(url: str, viewers: int, seconds: float) -> list[int]:
     return list(await asyncio.gather(*(look(number) for number in range(viewers))))
 
 
-def cost(folder: Path, seconds: float, viewers: int, browser: bool) -> dict[str, object]:
+class BenchPage:
+    """`rig page --bench` as a process; the campaign whose folder is in `out` is its own."""
+
+    def __init__(self, out: Path) -> None:
+        root = Path(__file__).resolve().parents[1]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "rig.cli.main", "page", "--bench", str(root / "examples" / "demo-bench.toml"),
+             "--simulate", "--json", "--out", str(out)],
+            cwd=root, env={**os.environ, "XDG_STATE_HOME": str(out)}, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        lines = self._process.stdout or ()
+        self.url = str(json.loads(b"".join(line for _, line in zip(range(3), lines, strict=False)))["page"])
+        self.pid = self._process.pid
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        self._process.communicate()
+
+
+def cost(folder: Path, seconds: float, viewers: int, browser: bool, *, bench: bool = False) -> dict[str, object]:
     run = folder / "run"
     run.mkdir()
     ring = RingWriter(folder / "ring", 1 << 16)
@@ -126,10 +149,11 @@ def cost(folder: Path, seconds: float, viewers: int, browser: bool) -> dict[str,
         ends.callback(link.close)
         log = CampaignLog(run)
         ends.enter_context(link.following(log))
+        link.belongs_to(folder, ())
         link.display.phase("running")
         feed = Feed(ring, link)
         ends.callback(feed.close)
-        page = PageProcess.start(PageSettings(live=str(link.folder)))
+        page = BenchPage(folder) if bench else PageProcess.start(PageSettings(live=str(link.folder)))
         ends.callback(page.close)
         found: dict[str, object] = {}
         asyncio.run(looked_at(page.url, viewers, WARM_S))
@@ -210,6 +234,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--viewers", type=int, default=1)
     parser.add_argument("--stops", type=int, default=200)
+    parser.add_argument("--bench", action="store_true", help="the page of a bench instead of a run's")
     parser.add_argument("--no-browser", action="store_true")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
@@ -220,7 +245,7 @@ def main() -> None:
     browser = not arguments.no_browser and shutil.which("chromium") is not None
     with tempfile.TemporaryDirectory() as folder:
         found = {"machine": platform.machine(), "cores": os.cpu_count(), "load": round(os.getloadavg()[0], 1)}
-        found |= cost(Path(folder), arguments.seconds, arguments.viewers, browser)
+        found |= cost(Path(folder), arguments.seconds, arguments.viewers, browser, bench=arguments.bench)
         if arguments.stops:
             found["stop_ms"] = quantiles(stops(arguments.stops))
     if arguments.json:

@@ -36,6 +36,7 @@ REPORTED_BY = {
     "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
     "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved", "warn", "Cause", "Trial", "Doubt",
     "_certain", "Remark", "_refused", "ConversionEnded", "Claim",
+    "Refusal",
 }
 """Calls whose first argument is a slug."""
 FUNCTIONS = {"failed", "warning", "note"}

@@ -22,7 +22,10 @@ function take(message) {
   else if (message.type === "answer") answered(message);
   remember();
   if (going && bench.running && state.running && !state.ended) { location.assign(with_token("/run")); return; }
-  if (going && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) going = false;
+  if (going && !busy() && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) {
+    going = false;
+    if (bench.outcome.refused === "plan-changed" && plan) ask_plan(plan.matrix); // planned anew; the banner states why
+  }
   judge();
 }
 
@@ -39,7 +42,7 @@ function opinion() {
   }
   if (bench.running) return ["wait", "…", "EVALUATING", `The run has ended; identifying the damper and writing the report of ${bench.run}.`];
   if (bench.starting && bench.started) return ["wait", "…", "STARTING", `${bench.started.title} (${bench.started.by})`];
-  const outcome = bench.outcome || {}, last = runs[0];
+  const last = runs[0], newer = Boolean(last && bench.started && last.started > bench.started.utc.slice(0, 19)), outcome = newer ? {} : bench.outcome || {};
   if (outcome.broken) return ["bad", "✗", "NOT OK", `${outcome.text} Inspect the rig before continuing.`];
   if (outcome.refused) return ["bad", "✗", "REFUSED", `${outcome.text} (${outcome.refused})`];
   return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No run on file yet."];
