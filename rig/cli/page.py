@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.campaign_folder import CampaignFolder
-from rig.cli.options import LOGS, Command, RunPath, json_option
+from rig.campaign_folder import LOGS, CampaignFolder
+from rig.cli.options import Command, RunPath, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, FileProblem, RigError
 from rig.page.settings import PageSettings

@@ -175,7 +175,8 @@ class Desk:
         """
         do = str(message["do"])
         if self._busy:
-            return {"do": do, "refused": "busy", "text": "Another request is being processed. Try again in a moment."}
+            text = "Another request is being processed. Try again in a moment."
+            return {"do": do, "refused": "page-busy", "text": text}
         self._busy = True
         try:
             answers = {
@@ -336,8 +337,8 @@ class Desk:
                 process.kill()
                 await process.wait()
         if not isinstance(answer, dict):
-            raise Refusal("no-answer", "The files could not be evaluated. Try the command in a terminal: `rig plan` or "
-                          "`rig run --resume`.")
+            raise Refusal("page-no-answer", "The files could not be evaluated. Try the command in a terminal: "
+                          "`rig plan` or `rig run --resume`.")
         if "refused" in answer:
             raise Refusal(str(answer["refused"]), str(answer.get("text", "")))
         return answer

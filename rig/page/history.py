@@ -10,10 +10,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from rig.campaign_folder import CampaignFolder
+from rig.campaign_folder import CampaignFolder, by_age
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
-from rig.recording.run_index import by_age
 from rig.station.live_folder import LOCK, held, read_json
 from rig.text_file import open_regular
 

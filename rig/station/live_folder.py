@@ -117,7 +117,7 @@ def held(path: Path) -> bool:
     """Whether a process holds this lock file; False where there is none."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
+    except (OSError, ValueError):  # a file may state a folder with a null byte in its name
         return False
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)

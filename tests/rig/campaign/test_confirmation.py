@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.campaign.confirmation import confirm, open_stops, resume_class, resume_command, unconfirmed
+from rig.campaign.confirmation import confirm, confirm_all, open_stops, resume_class, resume_command, unconfirmed
 from rig.errors import EXIT_REFUSED, Refused
 from rig.faults.matrix import MATRIX
 
@@ -101,3 +101,13 @@ def test_a_journal_that_is_gone_may_have_reported_of_an_estop(tmp_path: Path) ->
 def test_the_command_to_go_on_can_be_pasted_into_a_shell() -> None:
     assert resume_command(Path("logs/a b")) == "rig run --resume 'logs/a b'"
     assert resume_command(Path("logs/a"), "n").startswith("rig run --resume logs/a --requalified ")
+
+
+def test_a_stop_that_the_operator_was_not_shown_is_confirmed_by_nobody() -> None:
+    stops = unconfirmed([trip("sigint"), trip("stroke-limit", "also")])
+    confirm_all(stops, None)
+    confirm_all(stops, frozenset({"sigint", "stroke-limit", "earlier"}))
+    for confirmed in (frozenset({"sigint"}), frozenset[str]()):
+        with pytest.raises(Refused, match="stroke-limit seen") as caught:
+            confirm_all(stops, confirmed)
+        assert (caught.value.slug, caught.value.exit_code) == ("stops-changed", EXIT_REFUSED)

@@ -174,3 +174,31 @@ def test_the_page_of_a_campaign_that_runs_is_closed_by_nobody(desk: Desk) -> Non
     assert desk.ask(BOB, do="close") == {"do": "close", "ok": True}
     assert desk.closed == 1
     assert desk.sent == [("application.sock", {"do": "words", "by": "Ada", "operator": "Ada"})]
+
+
+def test_the_lease_of_a_bench_is_had_without_a_campaign_and_outlasts_each(desk: Desk, tmp_path: Path) -> None:
+    desk.running = False
+    bench = Desk(desk.folder, running=False)
+    bench.lease = Lease(lambda: bench.folder if bench.running else None, lambda: bench.now_ns, lasting=True)
+    bench.commands = Commands(bench.lease, lambda: bench.folder if bench.running else None, None, bench._say)
+    assert bench.ask(ADA, do="lease", name="Ada")["ok"] is True
+    assert bench.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken"
+    for do in ("begin", "resume", "make-report", "plan"):
+        assert bench.commands.refused_at_desk(do, ADA) is None
+        assert bench.commands.refused_at_desk(do, GUEST) == {"do": do, "refused": "viewer"}
+    assert bench.commands.refused_at_desk("begin", BOB) == {"do": "begin", "refused": "no-lease"}
+    assert bench.commands.refused_at_desk("plan", BOB) is None
+    bench.running = desk.running = True
+    assert bench.ask(ADA, do="pause")["ok"] is True, "of the campaign that it started"
+    assert desk.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken", "that campaign's own page"
+    bench.running = False
+    assert bench.lease.held_by("ada")
+    assert desk.ask(BOB, do="lease", name="Bob")["ok"] is True
+    bench.running = True
+    assert bench.ask(ADA, do="pause")["refused"] == "no-lease", "an operator at the campaign's own page commands it"
+    assert bench.ask(ADA, do="close")["refused"] == "lasting-page"
+    bench.lease.left("ada")
+    bench.now_ns += 11_000_000_000
+    desk.ask(BOB, do="release")
+    assert bench.ask(BOB, do="lease", name="Bob")["ok"] is True
+    bench.lease.give_back("bob")

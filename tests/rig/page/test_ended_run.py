@@ -138,3 +138,15 @@ def test_a_ring_is_shown_only_while_its_campaign_lives(tmp_path: Path) -> None:
     journal(tmp_path, RESULT)
     replace_json(tmp_path / "station.json", {"ring_path": str(tmp_path / "gone.ring")})
     assert WatchedRun(tmp_path).ring() is None
+
+
+def test_a_session_that_was_refused_states_why_and_keeps_the_points_of_those_before(tmp_path: Path) -> None:
+    refused = {"event": "refused", "slug": "unreachable", "text": "load_cell: no such port"}
+    ended = journal(tmp_path, RESULT, refused)
+    assert (ended.result["refused"], ended.result["lines"]) == ("unreachable", ["load_cell: no such port"])
+    assert ended.points["p001"]["verdict"] == "valid"
+    at_connect = {**RESULT, "stopped_by": "unreachable"}
+    assert journal(tmp_path, refused, at_connect).result["refused"] == "unreachable"
+    assert "refused" not in journal(tmp_path, refused, {"event": "connected"}, RESULT).result
+    stopped = journal(tmp_path, {**refused, "slug": "sigint"}).result
+    assert (stopped["stopped_by"], "refused" in stopped) == ("sigint", False)

@@ -27,7 +27,8 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 from drivers.ring import RingWriter
 from rig.page import server
 from rig.page.access import Access, Role
-from rig.page.document import document
+from rig.page.desk import Bench, Desk
+from rig.page.document import BENCH, RUN, document
 from rig.page.process import listening
 from rig.page.server import (
     FOR_OPERATORS,
@@ -82,13 +83,16 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
     os.close(lock)
 
 
-def served(rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]], settings: PageSettings = HERE) -> None:
+def served(
+    rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]], settings: PageSettings = HERE,
+    shown: Desk | None = None,
+) -> None:
     """Run the server and a test against it."""
 
     async def both() -> None:
         sock, tls = listening(settings), settings.context()
         access = Access(settings.host, sock.getsockname()[1], tls is not None)
-        page = PageServer(WatchedRun(None, rig.live), access, lambda: None)
+        page = PageServer(shown or WatchedRun(None, rig.live), access, lambda: None)
         serving = await page.serve(sock, tls)
         try:
             await asyncio.wait_for(do(page, access), 20.0)
@@ -369,6 +373,46 @@ def test_a_campaign_that_is_killed_is_reported_as_gone(rig: Rig) -> None:
             assert (await answer(operator, do="stop"))["refused"] == "not-running"
 
     served(rig, do)
+
+
+def test_the_page_of_a_bench_gives_out_reports_without_their_scripts_and_samples_to_the_run_s_view_alone(
+    rig: Rig, tmp_path: Path
+) -> None:
+    run = tmp_path / "logs" / "20260102T030405Z-MR-1-aaaaaa"
+    (run / "points").mkdir(parents=True)
+    (run / "report.html").write_text(HOSTILE)
+    bench = Bench(tmp_path / "b.toml", "b", frozenset(), tmp_path, tmp_path / "logs", tmp_path, simulate=True)
+    replace_json(rig.live / "rig.json", {"out": str(tmp_path / "logs"), "devices": []})
+
+    async def do(page: PageServer, access: Access) -> None:
+        await page.refresh()
+        page.send_changes()
+        viewer = access.tokens[Role.VIEWER]
+        status, body, headers = await asyncio.to_thread(got, access, f"/report/{run.name}?token={viewer}")
+        assert (status, body) == (200, HOSTILE.encode())
+        policy = headers["Content-Security-Policy"]
+        assert policy.startswith("sandbox; default-src 'none'")
+        assert "script" not in policy
+        for path in ("..%2F..%2Fb.toml", "..", f"{run.name}%2F..%2F{run.name}", "", "%00", "no-such-run"):
+            assert (await asyncio.to_thread(got, access, f"/report/{path}?token={viewer}"))[0] == 404
+        assert (await asyncio.to_thread(got, access, f"/report/{run.name}?token=wrong"))[0] == 401
+        assert (await asyncio.to_thread(got, access, f"/?token={viewer}"))[1] == document(BENCH)
+        assert (await asyncio.to_thread(got, access, f"/run?token={viewer}"))[1] == document(RUN)
+        uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.OPERATOR]}&client=a"
+        async with connect(f"{uri}&view=bench") as desk, connect(uri) as view:
+            shown = [json.loads(await desk.recv()) for _ in range(4)]
+            assert [one["type"] for one in shown] == ["state", "bench", "history", "standing"]
+            assert (shown[1]["running"], shown[2]["runs"][0]["report"]) == (True, True)
+            assert shown[3]["report_token"] == viewer
+            assert {json.loads(await view.recv())["type"] for _ in range(5)} >= {"run", "results", "events"}
+            page.send_frame()
+            assert isinstance(await view.recv(), bytes)
+            assert (await answer(desk, do="begin", matrix="m.toml"))["refused"] == "no-lease"
+            assert (await answer(desk, do="stop"))["ok"] is True
+
+    desk = Desk(bench, place=tmp_path)
+    served(rig, do, shown=desk)
+    desk.watched.close()
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl to make a certificate with")

@@ -1,0 +1,302 @@
+"""What an operator can do at the page of a bench: what is listed, planned, started, resumed and refused."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.page.desk import Bench, Desk
+from rig.page.history import History
+from rig.page.matrices import Matrices
+from rig.page.started_run import OUTPUT, StartedRun
+from rig.station.live_folder import RIG, make_live_folder, replace_json
+
+MATRIX = '[specimen]\nserial_number = "MR-001"\n[matrix]\n'
+DIGEST = "a" * 64
+GRAVE = {"slug": "estop", "text": "estop", "resume": "n"}
+
+
+@dataclass
+class Started:
+    """In place of processes: what would have been started."""
+
+    arguments: list[tuple[str, ...]] = field(default_factory=list)
+    lives: bool = True
+
+    def start(self, folder: Path, arguments: tuple[str, ...], **named: str) -> StartedRun:
+        self.arguments.append(arguments)
+        made, outer = StartedRun(folder, arguments, named["by"], named["title"], named["utc"]), self
+
+        class Run(StartedRun):
+            lives = property(lambda _: outer.lives)
+
+        return Run(**{name: getattr(made, name) for name in ("folder", "arguments", "by", "title", "utc")})
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> Started:
+    made = Started()
+    monkeypatch.setattr(StartedRun, "start", made.start)
+    return made
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    for name in ("lab", "logs", "state", "live"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "lab" / "m.toml").write_text(MATRIX)
+    return Bench(
+        path=tmp_path / "lab" / "bench.toml", name="bench", devices=frozenset({"port:1"}), matrices=tmp_path / "lab",
+        out=tmp_path / "logs", state=tmp_path / "state",
+    )
+
+
+class AnsweringDesk(Desk):
+    """A desk whose questions to other rooms are answered here."""
+
+    reply: Mapping[str, Any] = {
+        "planned": DIGEST, "feasible": True, "serial_number": "MR-001", "devices": ["port:1"], "blocks": [],
+        "stops": [], "requalify": False, "left_out": [],
+    }  # fmt: skip
+
+    async def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        await asyncio.sleep(0)
+        return dict(self.reply)
+
+
+@pytest.fixture
+def desk(bench: Bench, tmp_path: Path) -> AnsweringDesk:
+    return AnsweringDesk(bench, place=tmp_path / "live")
+
+
+def asked(desk: Desk, **message: object) -> dict[str, Any]:
+    return asyncio.run(desk.answer(message, "Ada"))
+
+
+def planned(desk: Desk, name: str = "m.toml") -> None:
+    assert asked(desk, do="plan", matrix=name)["planned"] == DIGEST
+
+
+def run_in(desk: Desk, name: str, *, simulated: bool = False) -> str:
+    """A campaign that the operator stopped after one of two points."""
+    folder = desk.bench.out / name
+    (folder / "points").mkdir(parents=True)
+    (folder / "matrix.toml").write_text(MATRIX)
+    description = {"points": ["p001", "p002"], "specimen": "MR-1", "simulated": {"speed": 1} if simulated else None}
+    (folder / "campaign.json").write_text(json.dumps(description))
+    points = [{"id": "p001", "verdict": "valid"}, {"id": "p002", "verdict": "not run"}]
+    result = {"event": "result", "points": points, "stopped_by": "operator", "rig_state": "safe", "detail": "Stop"}
+    (folder / "journal.jsonl").write_text(json.dumps(result) + "\n")
+    desk.history.look()
+    return name
+
+
+def test_what_was_planned_is_started_as_if_it_were_typed(desk: AnsweringDesk, started: Started) -> None:
+    planned(desk)
+    message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "MR-7", "note": "a\nb"}
+    assert asked(desk, **message) == {"do": "begin", "ok": True}
+    lab, logs = desk.bench.matrices, desk.bench.out
+    assert started.arguments == [(
+        str(lab / "m.toml"), f"--bench={lab / 'bench.toml'}", f"--planned={DIGEST}", "--serial-number=MR-7",
+        f"--out={logs}", "--operated", "--json",
+    )]  # fmt: skip
+    assert desk.started is not None
+    assert (desk.started.by, desk.started.title) == ("Ada", "m.toml, specimen MR-7")
+
+
+def test_of_two_browsers_that_start_two_matrices_one_is_refused_in_words(
+    desk: AnsweringDesk, started: Started
+) -> None:
+    (desk.bench.matrices / "n.toml").write_text(MATRIX)
+    planned(desk, "m.toml")
+    planned(desk, "n.toml")
+
+    async def both() -> list[dict[str, Any]]:
+        return await asyncio.gather(*(
+            desk.answer({"do": "begin", "matrix": name, "planned": DIGEST, "serial_number": "A"}, by)
+            for name, by in (("m.toml", "Ada"), ("n.toml", "Bob"))
+        ))  # fmt: skip
+
+    answers = asyncio.run(both())
+    assert [answer.get("refused") for answer in answers] in ([None, "already-running"], [None, "page-busy"])
+    assert asked(desk, do="begin", matrix="n.toml", planned=DIGEST, serial_number="A")["refused"] == "already-running"
+    assert asked(desk, do="plan", matrix="n.toml")["text"] == "Ada is starting a run: m.toml, specimen A."
+    assert len(started.arguments) == 1
+
+
+@pytest.mark.parametrize(("change", "refused"), [
+    ({"planned": "b" * 64}, "not-planned"), ({"planned": "--bench=/x"}, "not-planned"),
+    ({"planned": None}, "not-planned"),
+    ({"matrix": "../m.toml"}, "unknown-matrix"), ({"matrix": "/etc/passwd"}, "unknown-matrix"),
+    ({"matrix": ["m.toml"]}, "unknown-matrix"), ({"matrix": "m.toml\0"}, "unknown-matrix"),
+    ({"serial_number": ""}, "bad-serial-number"), ({"serial_number": "--out=/x"}, "bad-serial-number"),
+    ({"serial_number": "a/../b"}, "bad-serial-number"), ({"serial_number": "A" * 33}, "bad-serial-number"),
+    ({"serial_number": "MR-1\n"}, None), ({"serial_number": "MR\0"}, "bad-serial-number"),
+])  # fmt: skip
+def test_hostile_values_of_a_start_are_refused(
+    desk: AnsweringDesk, started: Started, change: dict[str, Any], refused: str | None
+) -> None:
+    planned(desk)
+    message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "MR-7", **change}
+    assert asked(desk, **message).get("refused") == refused
+    assert len(started.arguments) == (refused is None)
+
+
+def test_a_plan_outside_the_limits_is_not_started(desk: AnsweringDesk, started: Started) -> None:
+    desk.reply = {**desk.reply, "feasible": False}
+    planned(desk)
+    answer = asked(desk, do="begin", matrix="m.toml", planned=DIGEST, serial_number="A")
+    assert (answer["refused"], started.arguments) == ("matrix-infeasible", [])
+
+
+def test_a_run_is_resumed_once_every_stop_is_confirmed_and_described(desk: AnsweringDesk, started: Started) -> None:
+    name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    stops = [{"slug": "operator", "text": "", "resume": "c"}, GRAVE]
+    desk.reply = {**desk.reply, "stops": stops, "requalify": True}
+    assert asked(desk, do="questions", run=name)["stops"] == stops
+    half = {"do": "resume", "run": name, "confirmed": ["operator"], "requalified": "coil replaced"}
+    assert asked(desk, **half)["refused"] == "not-confirmed"
+    whole = {**half, "confirmed": ["operator", "estop"]}
+    assert asked(desk, **{**whole, "requalified": "\n"})["refused"] == "requalify"
+    assert started.arguments == []
+    assert asked(desk, **whole) == {"do": "resume", "ok": True}
+    assert started.arguments == [(
+        f"--resume={desk.bench.out / name}", "--confirmed=operator,estop", f"--bench={desk.bench.path}",
+        "--requalified=coil replaced", "--operated", "--json",
+    )]  # fmt: skip
+
+
+@pytest.mark.parametrize("run", ["../../etc", "", None, "no-such-run", "20260102T030405Z-MR-1-aaaaaa/."])
+def test_only_a_listed_run_is_resumed(desk: AnsweringDesk, started: Started, run: object) -> None:
+    run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    assert asked(desk, do="resume", run=run, confirmed=[])["refused"] == "unknown-run"
+    assert asked(desk, do="make-report", run=run)["refused"] == "unknown-run"
+    assert started.arguments == []
+
+
+def test_a_simulated_run_is_not_resumed_on_hardware(desk: AnsweringDesk, started: Started) -> None:
+    name = run_in(desk, "20260102T030405Z-MR-1-bbbbbb", simulated=True)
+    assert asked(desk, do="resume", run=name, confirmed=["operator"])["refused"] == "another-rig"
+    assert started.arguments == []
+
+
+@pytest.fixture
+def running(tmp_path: Path, bench: Bench) -> Iterator[Path]:
+    """A campaign on the bench, started in a terminal."""
+    folder, lock = make_live_folder(tmp_path / "live")
+    replace_json(folder / RIG, {"out": str(bench.out), "devices": ["port:1", "port:2"]})
+    replace_json(folder / "state.json", {"phase": "running", "campaign": str(bench.out / "the-run")})
+    yield folder
+    os.close(lock)
+
+
+def test_a_run_from_a_terminal_is_found_and_nothing_is_started_beside_it(
+    running: Path, desk: AnsweringDesk, started: Started
+) -> None:
+    assert desk.look() is True
+    assert (desk.live_folder, desk.status()["run"], desk.status()["running"]) == (running, "the-run", True)
+    answer = asked(desk, do="plan", matrix="m.toml")
+    assert (answer["refused"], "the-run" in answer["text"]) == ("already-running", True)
+    replace_json(running / "state.json", {"campaign": str(desk.bench.out / "the-run"), "ended": {"valid": 1}})
+    assert asked(desk, do="plan", matrix="m.toml")["refused"] == "still-analysing"
+    assert started.arguments == []
+
+
+def test_a_run_on_other_devices_is_none_of_this_bench(running: Path, bench: Bench, tmp_path: Path) -> None:
+    other = replace(bench, devices=frozenset({"port:9"}))
+    assert Desk(other, place=tmp_path / "live").look() is False
+    assert not replace(bench, simulate=True).owns(json.loads((running / RIG).read_text()))
+    assert replace(bench, simulate=True).owns({"out": str(bench.out), "devices": []})
+    assert not bench.owns({"out": str(bench.out), "devices": "port:1"})
+
+
+def test_a_later_page_knows_what_was_started_and_how_it_ended(tmp_path: Path) -> None:
+    """The process is real: `rig run` refuses its arguments."""
+    run = StartedRun.start(tmp_path, ("--no-such-option", "--json"), by="Ada", title="t", utc="u", words={"note": "n"})
+    later = StartedRun.last(tmp_path)
+    assert later is not None
+    assert (later.lives, later.words, later.arguments) == (True, {"note": "n"}, ("--no-such-option", "--json"))
+    assert os.getsid(run.pid) == run.pid, "a session of its own: what ends the page does not reach it"
+    while run.lives:
+        os.sched_yield()
+    assert not later.lives
+    outcome = later.outcome()
+    assert (outcome["exit_code"], outcome["refused"], "no-such-option" in outcome["text"]) == (2, "usage", True)
+    assert (tmp_path / OUTPUT).stat().st_mode & 0o777 == 0o600
+
+
+def test_a_process_of_the_same_number_is_not_taken_for_the_run(tmp_path: Path) -> None:
+    replace_json(tmp_path / "started.json", {
+        "arguments": [], "by": "", "title": "", "utc": "", "words": {}, "pid": os.getpid(), "ticks": 1,
+    })  # fmt: skip
+    later = StartedRun.last(tmp_path)
+    assert later is not None
+    assert not later.lives
+    assert later.outcome()["broken"] is True
+
+
+def test_matrices_are_listed_by_name_and_hostile_ones_are_named_or_left_out(tmp_path: Path) -> None:
+    files = {
+        "good.toml": MATRIX, "bench.toml": "[limits]\n[actuator]\n", "broken.toml": "x = [", "--out=x.toml": MATRIX,
+        "bad\nname.toml": MATRIX, ".hidden.toml": MATRIX, "deep.toml": "x = " + "[" * 5000, "note.txt": "",
+        "number.toml": f"x = {'9' * 60_000}", "<b>.toml": MATRIX.replace("MR-001", "<script>"),
+    }  # fmt: skip
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    os.mkfifo(tmp_path / "pipe.toml")
+    matrices = Matrices(tmp_path)
+    listed, note = matrices.listed()
+    by_name = {entry["name"]: entry for entry in listed}
+    assert sorted(by_name) == [
+        "--out=x.toml", "<b>.toml", "broken.toml", "deep.toml", "good.toml", "number.toml", "pipe.toml"
+    ]
+    assert (by_name["good.toml"]["serial_number"], by_name["good.toml"]["remark"]) == ("MR-001", "")
+    assert all(by_name[name]["remark"] for name in ("broken.toml", "deep.toml", "number.toml", "pipe.toml"))
+    assert note.startswith("2 files")
+    assert matrices.path("--out=x.toml") == tmp_path / "--out=x.toml", "a whole path: no option of a command"
+    assert [matrices.path(name) for name in ("bench.toml", "../good.toml", "bad\nname.toml", 3, None)] == [None] * 5
+    (tmp_path / "good.toml").unlink()
+    assert matrices.path("good.toml") is None
+
+
+def test_the_history_states_how_runs_ended_and_gives_out_reports_of_their_own_folder_alone(
+    desk: AnsweringDesk, tmp_path: Path
+) -> None:
+    name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    run_in(desk, "20260103T030405Z-MR-1-bbbbbb")
+    cut, odd = desk.bench.out / "20260104T030405Z-MR-1-cccccc", desk.bench.out / "20260105T030405Z-MR-1-dddddd"
+    for folder, line in ((cut, '{"event": "connected"}'), (odd, '{"event": "refused", "slug": "unreachable"}')):
+        (folder / "points").mkdir(parents=True)
+        (folder / "journal.jsonl").write_text(line + "\n")
+    (desk.bench.out / "20260106T030405Z-link").symlink_to(desk.bench.out / name)
+    (desk.bench.out / name / "report.html").write_text("<h1>report</h1>")
+    (tmp_path / "secret").write_text("secret")
+    (desk.bench.out / "20260103T030405Z-MR-1-bbbbbb" / "report.html").symlink_to(tmp_path / "secret")
+    keys = ("ended", "slug", "valid", "total", "resumable", "report")
+    assert [tuple(run[key] for key in keys) for run in desk.history.look()] == [
+        ("refused", "unreachable", 0, 0, False, False), ("interrupted", "", 0, 0, False, False),
+        ("stopped", "operator", 1, 2, True, False), ("stopped", "operator", 1, 2, True, True),
+    ]  # fmt: skip
+    assert desk.history.report(name) == b"<h1>report</h1>"
+    link = "20260106T030405Z-link"
+    hostile = ("20260103T030405Z-MR-1-bbbbbb", "..", "../secret", f"{name}/../{name}", link, "", None)
+    assert [desk.history.report(one) for one in hostile] == [None] * len(hostile)
+    assert History(tmp_path / "nowhere", simulated=False).look() == []
+
+
+def test_values_of_a_hostile_description_are_text_or_nothing(desk: AnsweringDesk) -> None:
+    name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    odd = {"points": 3, "specimen": ["x"] * 100, "started_utc": {"a": 1}, "simulated": "yes", "bench": "\x1b[31m"}
+    (desk.bench.out / name / "campaign.json").write_text(json.dumps(odd))
+    (desk.bench.out / name / "live.json").write_text(json.dumps({"folder": "\0"}))
+    run = desk.history.look()[0]
+    assert (run["total"], run["bench"], run["ended"]) == (2, "[31m", "stopped")
+    assert sys.getsizeof(json.dumps(run)) < 4000
