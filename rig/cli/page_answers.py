@@ -17,17 +17,20 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rig.campaign.confirmation import REQUALIFY, open_stops
 from rig.campaign.machine_resources import devices_of
 from rig.campaign.resume import left_out
 from rig.campaign.setup import described, plan_digest
 from rig.cli.plan import planned
-from rig.cli.tables import plan_blocks
+from rig.cli.tables import plan_blocks, verdict_blocks
 from rig.document.blocks import Block, Note, Paragraph, Table
 from rig.document.words import plain
 from rig.errors import EXIT_DONE, RigError
+
+if TYPE_CHECKING:
+    from rig.matrix.plan import Plan
 
 NICENESS = 10
 
@@ -43,7 +46,7 @@ def plan_answer(request: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "planned": plan_digest(matrix_path, bench_path, matrix, bench), "feasible": plan.feasible,
         "serial_number": matrix.specimen.serial_number, "devices": sorted(devices_of(bench)),
-        "blocks": list(shown(plan_blocks(plan))),
+        "blocks": list(shown(verdict_first(plan))),
     }
 
 
@@ -72,6 +75,14 @@ def report_answer(request: Mapping[str, Any]) -> dict[str, Any]:
     from rig.report import write_report
 
     return {"report": write_report(Path(request["run"])).name}
+
+
+def verdict_first(plan: Plan) -> list[Block]:
+    """The blocks of `rig plan` in the order of a page, whose first lines are seen first: a terminal shows the last."""
+    verdict = verdict_blocks(plan)
+    others = plan_blocks(plan)[: -len(verdict)]
+    notes = [block for block in others if isinstance(block, Note)]
+    return [*reversed(verdict), *notes, *(block for block in others if not isinstance(block, Note))]
 
 
 def shown(blocks: list[Block]) -> Iterator[dict[str, Any]]:

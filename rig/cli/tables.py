@@ -86,17 +86,18 @@ class PlanText:
 
 
 def plan_blocks(plan: Plan, *, everything: bool = False) -> Blocks:
-    """The plan; of a long one the first and last rows of each group, or `everything`."""
+    """The plan, its verdict last; of a long one the first and last rows of each group, or `everything`."""
     items = plan.planned_points
     shown = _rows(items, plan) if everything or len(items) <= FEW else _groups(items, plan)
     reasons = [Note(POOR, f"{item.point.id}: {_why(item, plan)}") for item in items if everything and item.causes]
     return [
         *shown, *reasons, *_causes(items), *(Note(FAIR, f"warning: {text}") for text in plan.warnings), Paragraph(""),
-        *_verdict(plan),
+        *verdict_blocks(plan),
     ]  # fmt: skip
 
 
-def _verdict(plan: Plan) -> Blocks:
+def verdict_blocks(plan: Plan) -> Blocks:
+    """What is planned, and whether it is within limits."""
     bad, total = sum(not item.feasible for item in plan.points), len(plan.points)
     stated = f"all {total} points within limits" if bad == 0 else f"{bad} of {total} points outside limits"
     if plan.warm_up is not None and not plan.warm_up.feasible:

@@ -24,13 +24,15 @@ from typing import Any
 from rig.clock import monotonic_ns, utc_now
 from rig.page.commands import WORDS, one_line
 from rig.page.history import History
-from rig.page.matrices import Matrices
+from rig.page.matrices import LONGEST_NAME, Matrices
 from rig.page.started_run import StartedRun
 from rig.page.watched_run import WatchedRun
 from rig.station.live_folder import APPLICATION_SOCKET, RIG, read_json, running_folders, send_message
 
 LOOK_EVERY_NS = 1_000_000_000
 ANSWER_S = 180.0
+MOST_WAITING = 6
+"""Requests of all browsers together, the one that is processed among them."""
 LARGEST_ANSWER_BYTES = 8_000_000
 SERIAL_NUMBER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 LONGEST_REQUALIFIED = 500
@@ -98,7 +100,8 @@ class Desk:
         self._place = place
         self._looked_ns = -LOOK_EVERY_NS
         self._plans: dict[str, dict[str, Any]] = {}
-        self._busy = False
+        self._asking = asyncio.Lock()
+        self._waiting = 0
         self._was_live: Path | None = None
         if self.started is not None and not self.started.lives:
             self.outcome = self.started.outcome()
@@ -171,23 +174,24 @@ class Desk:
     async def answer(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
         """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`; `by` holds control.
 
-        One at a time: the processor is the rig's.
+        One at a time, and few that wait: the processor is the rig's. `of` names the matrix or run it is about.
         """
         do = str(message["do"])
-        if self._busy:
-            text = "Another request is being processed. Try again in a moment."
-            return {"do": do, "refused": "page-busy", "text": text}
-        self._busy = True
+        reply = {"do": do, "of": one_line(message.get("matrix", message.get("run")), LONGEST_NAME)}
+        answers = {
+            "plan": self._plan, "questions": self._questions, "begin": self._begin, "resume": self._resume,
+            "make-report": self._make_report,
+        }  # fmt: skip
+        if self._waiting >= MOST_WAITING:
+            return {**reply, "refused": "page-busy", "text": "Too many requests are waiting. Try again in a moment."}
+        self._waiting += 1
         try:
-            answers = {
-                "plan": self._plan, "questions": self._questions, "begin": self._begin, "resume": self._resume,
-                "make-report": self._make_report,
-            }  # fmt: skip
-            return {"do": do, **await answers[do](message, by)}
+            async with self._asking:
+                return {**reply, **await answers[do](message, by)}
         except Refusal as refusal:
-            return {"do": do, "refused": refusal.slug, "text": str(refusal)}
+            return {**reply, "refused": refusal.slug, "text": str(refusal)}
         finally:
-            self._busy = False
+            self._waiting -= 1
 
     def _idle(self) -> None:
         """Refuse what must not be done while the rig is in use.

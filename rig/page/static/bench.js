@@ -123,6 +123,7 @@ function ask_plan(name) {
   show_matrices(); buttons();
 }
 function show_plan(message) {
+  if (message.of !== planning) return; // another matrix was chosen meanwhile, or a run is being resumed
   planning = "";
   if (message.refused) {
     by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "There is no plan of this matrix:";
@@ -147,7 +148,7 @@ function show_block(block) {
 
 // Resuming
 
-function ask_questions(name) { answer(""); say({ do: "questions", run: name }); }
+function ask_questions(name) { answer(""); planning = ""; remembered = true; if (say({ do: "questions", run: name })) answer("Reading the causes of the stop …"); }
 function show_questions(message) {
   asked = message; plan = null; by_id("begin").hidden = true; by_id("plan").replaceChildren(); by_id("plan-empty").hidden = true;
   by_id("plan-head").textContent = `Resume ${message.run}`; by_id("resume").hidden = false; by_id("requalified-box").hidden = !message.requalify; by_id("requalified").value = "";
@@ -192,7 +193,7 @@ function answered(message) {
   if (message.do === "clock" && message.ok) { clock_answered(message); return; }
   if (message.do === "stop") stop_answered(message);
   if (message.do === "plan") { show_plan(message); return; }
-  if (message.do === "questions" && message.ok) { show_questions(message); return; }
+  if (message.do === "questions" && message.ok) { answer(""); show_questions(message); return; }
   if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
   if (message.do === "begin" && ["plan-changed", "not-planned"].includes(message.refused) && plan) ask_plan(plan.matrix);
   answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");
