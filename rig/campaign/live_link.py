@@ -23,7 +23,7 @@ from rig.clock import utc_now
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.station.live_folder import (
     APPLICATION_SOCKET,
-    RIG,
+    DEVICES,
     STATION_SOCKET,
     bound,
     make_live_folder,
@@ -110,7 +110,7 @@ class LiveLink:
             devices: names of the rig's devices; none of a simulated rig.
         """
         with contextlib.suppress(OSError):
-            replace_json(self.folder / RIG, {"out": str(out.resolve()), "devices": sorted(devices)})
+            replace_json(self.folder / DEVICES, {"out": str(out.resolve()), "devices": sorted(devices)})
 
     def ask_current(self, current_A: float) -> None:
         """Show a question for a current (A); answers to earlier ones are none to it."""

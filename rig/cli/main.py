@@ -45,7 +45,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "Run": {
         "run": ("rig.cli.run", "Run and record a test matrix or a hybrid test; identify the damper."),
-        "page": ("rig.cli.page", "Serve the operator's page for a run."),
+        "page": ("rig.cli.page", "Serve the operator's page for a run or a bench."),
     },
     "Results": {
         "runs": ("rig.cli.runs", "List recorded runs."),

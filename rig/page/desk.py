@@ -27,7 +27,7 @@ from rig.page.history import History
 from rig.page.matrices import LONGEST_NAME, Matrices
 from rig.page.started_run import StartedRun
 from rig.page.watched_run import WatchedRun
-from rig.station.live_folder import APPLICATION_SOCKET, RIG, read_json, running_folders, send_message
+from rig.station.live_folder import APPLICATION_SOCKET, DEVICES, read_json, running_folders, send_message
 
 LOOK_EVERY_NS = 1_000_000_000
 ANSWER_S = 180.0
@@ -64,7 +64,7 @@ class Bench:
     speed: float = 1.0
 
     def owns(self, rig: Mapping[str, Any]) -> bool:
-        """Whether a campaign with this `rig.json` runs on this bench."""
+        """Whether a campaign with this `devices.json` runs on this bench."""
         devices = rig.get("devices")
         named = {str(device) for device in devices} if isinstance(devices, list) else set()
         if self.simulate:
@@ -137,7 +137,7 @@ class Desk:
 
     def _found(self) -> Path | None:
         """The live folder of a campaign on this bench; of several the newest."""
-        own = [folder for folder in running_folders(self._place) if self.bench.owns(read_json(folder / RIG))]
+        own = [folder for folder in running_folders(self._place) if self.bench.owns(read_json(folder / DEVICES))]
         return own[-1] if own else None
 
     def _send_words(self, live: Path) -> None:

@@ -4,7 +4,7 @@ It is in shared memory, belongs to one user (mode 0700) and is removed with the 
 
     live.lock          held (`flock`) while the application runs
     operator.lock      held by the process that serves the operator: one at a time
-    rig.json           which rig, and the folder in which the campaign is recorded
+    devices.json       devices of the rig, and the folder in which the campaign is recorded
     plan.json          the plan, written once; results.json, state.json: always replaced as a whole
     station.sock       datagrams to the station: a stop, nothing else
     application.sock   datagrams to the application: stop, pause, start, notes
@@ -37,7 +37,7 @@ SHARED_MEMORY = Path("/dev/shm")
 LOCK = "live.lock"
 OPERATOR_LOCK = "operator.lock"
 PLAN, RESULTS, STATE = "plan.json", "results.json", "state.json"
-RIG = "rig.json"
+DEVICES = "devices.json"
 STATION_SOCKET, APPLICATION_SOCKET = "station.sock", "application.sock"
 LONGEST_DATAGRAM = 32768
 LONGEST_ADDRESS = 103

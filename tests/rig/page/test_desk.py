@@ -17,7 +17,7 @@ from rig.page.desk import MOST_WAITING, Bench, Desk
 from rig.page.history import History
 from rig.page.matrices import Matrices
 from rig.page.started_run import OUTPUT, StartedRun
-from rig.station.live_folder import RIG, make_live_folder, replace_json
+from rig.station.live_folder import DEVICES, make_live_folder, replace_json
 
 MATRIX = '[specimen]\nserial_number = "MR-001"\n[matrix]\n'
 DIGEST = "a" * 64
@@ -201,7 +201,7 @@ def test_a_simulated_run_is_not_resumed_on_hardware(desk: AnsweringDesk, started
 def running(tmp_path: Path, bench: Bench) -> Iterator[Path]:
     """A campaign on the bench, started in a terminal."""
     folder, lock = make_live_folder(tmp_path / "live")
-    replace_json(folder / RIG, {"out": str(bench.out), "devices": ["port:1", "port:2"]})
+    replace_json(folder / DEVICES, {"out": str(bench.out), "devices": ["port:1", "port:2"]})
     replace_json(folder / "state.json", {"phase": "running", "campaign": str(bench.out / "the-run")})
     yield folder
     os.close(lock)
@@ -222,7 +222,7 @@ def test_a_run_from_a_terminal_is_found_and_nothing_is_started_beside_it(
 def test_a_run_on_other_devices_is_none_of_this_bench(running: Path, bench: Bench, tmp_path: Path) -> None:
     other = replace(bench, devices=frozenset({"port:9"}))
     assert Desk(other, place=tmp_path / "live").look() is False
-    assert not replace(bench, simulate=True).owns(json.loads((running / RIG).read_text()))
+    assert not replace(bench, simulate=True).owns(json.loads((running / DEVICES).read_text()))
     assert replace(bench, simulate=True).owns({"out": str(bench.out), "devices": []})
     assert not bench.owns({"out": str(bench.out), "devices": "port:1"})
 

@@ -382,7 +382,7 @@ def test_the_page_of_a_bench_gives_out_reports_without_their_scripts_and_samples
     (run / "points").mkdir(parents=True)
     (run / "report.html").write_text(HOSTILE)
     bench = Bench(tmp_path / "b.toml", "b", frozenset(), tmp_path, tmp_path / "logs", tmp_path, simulate=True)
-    replace_json(rig.live / "rig.json", {"out": str(tmp_path / "logs"), "devices": []})
+    replace_json(rig.live / "devices.json", {"out": str(tmp_path / "logs"), "devices": []})
 
     async def do(page: PageServer, access: Access) -> None:
         await page.refresh()
