@@ -127,9 +127,9 @@ class Desk:
         if self.started is not None and not self.outcome and not self.started.lives:
             self.outcome = self.started.outcome()
         live = self.live_folder
-        if live is None and (found := self._found()) is not None:
+        if live is None and (live := self._found()) is not None:
             self.watched.close()
-            self.watched, live = WatchedRun(None, found), found
+            self.watched = WatchedRun(None, live)
         changed, self._was_live = live != self._was_live, live
         if live is not None:
             self._send_words(live)

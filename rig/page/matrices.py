@@ -42,14 +42,14 @@ class Matrices:
         except OSError as error:
             return [], f"{self.folder}: cannot be read: {error.strerror}"
         usable = [name for name in names if _usable(name)]
-        found = [entry for name in usable[:MOST_FILES] if (entry := self._entry(name)) is not None]
+        matrices = [entry for name in usable[:MOST_FILES] if (entry := self._entry(name)) is not None]
         self._known = {name: self._known[name] for name in usable if name in self._known}
         notes = []
         if len(usable) < len(names):
             notes.append(f"{len(names) - len(usable)} files whose names contain unusual characters are not listed")
         if len(usable) > MOST_FILES:
             notes.append(f"only the first {MOST_FILES} files are listed")
-        return found, "; ".join(notes)
+        return matrices, "; ".join(notes)
 
     def path(self, name: object) -> Path | None:
         """The file of a listed name; None for any other."""
