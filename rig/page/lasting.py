@@ -1,8 +1,7 @@
 """The lasting address of a bench's page: port and tokens in a file of this user alone, one server at a time.
 
 They are kept in the user's own state folder, not beside the bench file or the runs: those are shared, copied and
-archived. The file has mode 0600; one that others can read, or that is a link, is replaced: whoever may have read the
-tokens has none any more.
+archived. The file has mode 0600. If other users could read it, or if it is a link, new tokens are drawn.
 """
 
 from __future__ import annotations
