@@ -116,12 +116,12 @@ def _causes(items: Sequence[PlannedPoint]) -> Blocks:
         for cause in item.causes:
             blamed.setdefault(cause.slug, []).append((item.point.id, cause))
     lines, order = list[Block](), [item.point.id for item in items]
-    for slug, found in blamed.items():
-        name, worst = max(found, key=lambda one: one[1].excess)
-        alike = len({cause.text for _, cause in found}) == 1
-        at = "" if len(found) == 1 or alike else f"worst point {name}: "
-        count = "" if len(found) == 1 else f"{len(found)} points, "
-        ids = _spans([one for one, _ in found], order)
+    for slug, members in blamed.items():
+        name, worst = max(members, key=lambda one: one[1].excess)
+        alike = len({cause.text for _, cause in members}) == 1
+        at = "" if len(members) == 1 or alike else f"worst point {name}: "
+        count = "" if len(members) == 1 else f"{len(members)} points, "
+        ids = _spans([one for one, _ in members], order)
         lines.append(Note(POOR, f"{slug} ({count}{ids}): {at}{clean_text(worst.text)}"))
     return lines
 
@@ -181,9 +181,9 @@ def _ranges(items: Sequence[PlannedPoint], shown: Display) -> str:
 
 
 def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Blocks:
-    """A table; in a plan that is refused, with the cause and the amplitude that would fit instead of heat and time.
+    """A table with each motion's own speed and acceleration.
 
-    `left_out` rows follow the first ones.
+    In a plan that is refused, cause and amplitude that would fit replace heat and time. `left_out` rows follow the first ones.
     """
     shown, refused = plan.display, not plan.feasible
     length = shown.displacement.unit
@@ -209,7 +209,7 @@ def _cells(item: PlannedPoint, plan: Plan) -> tuple[str, ...]:
     return (
         point.id, *([limits] if refused else []), point.motion, number(shown.displacement.value(point.amplitude_m)),
         *([_fits(item, plan)] if refused else []), frequency, f"{point.current_A:.3g}",
-        number(shown.speed.value(item.peaks.speed_m_s), 3), f"{item.peaks.acceleration_m_s2:.2f}",
+        number(shown.speed.value(point.peak_speed_m_s), 3), f"{point.peak_acceleration_m_s2:.2f}",
         number(None if force_N is None else shown.force.value(force_N)),
         *([] if refused else [number(item.energy_J), duration(item.duration_s)]),
     )  # fmt: skip

@@ -44,7 +44,7 @@ def structure_problem(text: str) -> str | None:
 
 def open_brackets(text: str, end: int) -> list[tuple[int, str]]:
     """Line (from 1) and sign of each bracket of a value that is still open at a position, the outermost first."""
-    found: list[tuple[int, str]] = []
+    brackets: list[tuple[int, str]] = []
     position = 0
     while (match := _STRUCTURE.search(text, position, end)) is not None:
         position, sign = match.end(), match[0]
@@ -54,11 +54,11 @@ def open_brackets(text: str, end: int) -> list[tuple[int, str]]:
             position = text.find("\n", position)
             if position < 0:
                 break
-        elif sign in "[{" and (found or text[text.rfind("\n", 0, match.start()) + 1 : match.start()].strip()):
-            found.append((text.count("\n", 0, match.start()) + 1, sign))  # not that of a heading
-        elif sign in "]}" and found:
-            found.pop()
-    return found
+        elif sign in "[{" and (brackets or text[text.rfind("\n", 0, match.start()) + 1 : match.start()].strip()):
+            brackets.append((text.count("\n", 0, match.start()) + 1, sign))  # not that of a heading
+        elif sign in "]}" and brackets:
+            brackets.pop()
+    return brackets
 
 
 def scan_lines(text: str) -> dict[Place, int]:

@@ -58,7 +58,7 @@ def test_the_verdict_comes_last_and_no_value_is_lost_and_a_reason_is_one_line(wi
     assert f"speed (20 points, p001 to p020): worst point p004: {worst.reasons[0]}" in text
     for item in REFUSED.points:
         fits = f"{1e3 * (item.would_fit_m or 0.0):.4g}"
-        for value in (fits, f"{item.predicted_force_N:.4g}", f"{item.peaks.speed_m_s:.3g}"):
+        for value in (fits, f"{item.predicted_force_N:.4g}", f"{item.point.peak_speed_m_s:.3g}"):
             assert value in text
 
 
