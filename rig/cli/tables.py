@@ -183,7 +183,8 @@ def _ranges(items: Sequence[PlannedPoint], shown: Display) -> str:
 def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Blocks:
     """A table with each motion's own speed and acceleration.
 
-    In a plan that is refused, cause and amplitude that would fit replace heat and time. `left_out` rows follow the first ones.
+    In a plan that is refused, cause and amplitude that would fit replace heat and time.
+    `left_out` rows follow the first ones.
     """
     shown, refused = plan.display, not plan.feasible
     length = shown.displacement.unit
