@@ -22,9 +22,11 @@ pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent / "plain_actuator"
 LATE_S = 0.03
+CROWDED = 2.0
+"""Processes per core that wanted to run during the last minute."""
 AGAIN = 3
 TOO_BUSY = {"setpoints-late", "host-late"}
-MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=4)
+MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=5)
 
 
 @pytest.fixture
@@ -53,6 +55,8 @@ def skip_where_the_host_was_held_up(folder: Path) -> None:
     counted = [line for line in read_log(folder) if line.get("what") == "setpoints"]
     if counted and counted[-1]["worst_s"] > LATE_S:
         pytest.skip(f"this host was held up: a set-point came {1e3 * counted[-1]['worst_s']:.0f} ms late")
+    if os.getloadavg()[0] > CROWDED * (os.cpu_count() or 1):
+        pytest.skip(f"this host was too busy: {os.getloadavg()[0]:.0f} processes wanted to run")
 
 
 def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, tmp_path: Path) -> None:
