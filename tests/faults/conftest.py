@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from matrices import BRISK_POINTS, TWO_POINTS
+from matrices import TWO_POINTS
 from scenario_campaign import SEED, ScenarioCampaign, Setting, begin
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
 
@@ -118,9 +118,3 @@ def begin_scenario(tmp_path: Path) -> Iterator[BeginScenario]:
 def moving(begin_scenario: Start) -> InMotion:
     """The same in virtual time: `moving(seconds=1.6)`."""
     return second_point_running(begin_scenario)
-
-
-@pytest.fixture
-def run_brisk(run: Run) -> Run:
-    """Runs a short one at speed 1, where the rows' times are meant."""
-    return lambda *faults, simulator=(): run(*faults, simulator=simulator, matrix=BRISK_POINTS, speed=1.0)
