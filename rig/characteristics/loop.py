@@ -21,7 +21,10 @@ from rig.signals.fourier import quantisation_step
 from rig.signals.loop_shape import noise_of
 from rig.signals.peak_force import UNKNOWN, PeakForce
 from rig.signals.test_set import CurrentReading, MotionReading
+from rig.signals.waveform import TRIANGLE
 
+MIDDLE = 0.5
+"""Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
 FEW_MISSING = 0.9
@@ -61,8 +64,9 @@ class LoopCharacteristics:
     Attributes:
         id: of the point; `waveform`, `amplitude_m`, `frequency_Hz`, `current_A` as requested; of an imported test as
             measured.
-        peak_speed_m_s: greatest measured speed, m/s.
-        rebound_N: mean force at peak velocity in extension, N (positive); `jounce_N` in compression (negative).
+        peak_speed_m_s: greatest measured speed, m/s; of a triangle the speed of its flanks: the corners overshoot it.
+        rebound_N: mean force at peak velocity in extension, N (positive); `jounce_N` in compression (negative). Of a
+            triangle at its constant velocity, about mid-stroke.
         energy_J: dissipated in a cycle, the loop's area, J; NaN where a stretch of every cycle has no force samples.
         equivalent_damping_N_s_m: `E / (pi omega X^2)`: the viscous damper that dissipates as much in a sine of the
             measured amplitude and frequency, N s/m.
@@ -121,15 +125,20 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
     measured = prepare(point) if prepared is None else prepared
     energies_J = cycle_energies_J(measured, measured.force_N)
     omega_1_s = math.tau / (samples_a_cycle(measured.u_m) * measured.dt_s)
-    dampings, rebounds, jounces = [], [], []
+    dampings, rebounds, jounces = list[float](), list[float](), list[float]()
     for energy_J, (start, stop) in zip(energies_J, _cycles(measured, len(energies_J)), strict=True):
         part = slice(start, stop)
         u, v, force = measured.u_m[part], measured.v_m_s[part], measured.force_N[part]
         good = measured.scored[part] & np.isfinite(force)
         amplitude_m = 0.5 * float(np.max(u) - np.min(u))
         dampings.append(float(energy_J) / (math.pi * omega_1_s * amplitude_m**2))
-        rebounds.append(_at_peak(force, v, good))
-        jounces.append(_at_peak(force, -v, good))
+        for forces, speed_m_s in ((rebounds, v), (jounces, -v)):
+            if point.waveform == TRIANGLE.name:
+                forces.append(_mean_known(force, _flanks(u) & (speed_m_s > 0.0), good))
+            else:
+                forces.append(_at_peak(force, speed_m_s, good))
+    speeds_m_s = np.abs(measured.v_m_s)
+    on_flanks = point.waveform == TRIANGLE.name
     # The steps of a coarse displacement repeat in every cycle: no scatter shows their error.
     step_m = quantisation_step(point.displacement_m[np.isfinite(point.displacement_m)])
     resolution = step_m / math.sqrt(12.0) / max(0.5 * float(np.ptp(measured.u_m)), 1e-12)
@@ -139,7 +148,7 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         amplitude_m=point.amplitude_m,
         frequency_Hz=point.frequency_Hz,
         current_A=point.current_A,
-        peak_speed_m_s=float(np.max(np.abs(measured.v_m_s))),
+        peak_speed_m_s=float(np.median(speeds_m_s[_flanks(measured.u_m)]) if on_flanks else np.max(speeds_m_s)),
         rebound_N=over_cycles(rebounds),
         jounce_N=over_cycles(jounces),
         energy_J=over_cycles(energies_J.tolist()).with_error(resolution),
@@ -198,6 +207,20 @@ def _cycles(measured: Measurement, count: int) -> Iterator[tuple[int, int]]:
     """First sample of each cycle, and that of the next."""
     edges = np.rint(np.linspace(0.0, len(measured.u_m), count + 1)).astype(int).tolist()
     return itertools.pairwise(edges)
+
+
+def _flanks(u_m: FloatArray) -> NDArray[np.bool_]:
+    """The samples about the middle of a motion (n,), away from its reversals."""
+    low_m, high_m = float(np.min(u_m)), float(np.max(u_m))
+    return np.abs(u_m - 0.5 * (low_m + high_m)) <= MIDDLE * 0.5 * (high_m - low_m)
+
+
+def _mean_known(force_N: FloatArray, chosen: NDArray[np.bool_], good: NDArray[np.bool_]) -> float:
+    """Mean force (N) of the chosen samples; NaN where more than a few of them carry no force."""
+    known = chosen & good
+    if not np.any(known) or np.count_nonzero(known) < FEW_MISSING * np.count_nonzero(chosen):
+        return math.nan
+    return float(np.mean(force_N[known]))
 
 
 def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]) -> float:

@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 
 from rig.characteristics.force_table import ForceTable, force_tables
-from rig.characteristics.loop import LoopCharacteristics, Measured, characterise_loop, over_cycles, without_cut_ends
+from rig.characteristics.loop import (
+    MIDDLE,
+    LoopCharacteristics,
+    Measured,
+    characterise_loop,
+    over_cycles,
+    without_cut_ends,
+)
 from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.fits.plain import plain
 from rig.identification.models.measurement import Measurement
@@ -28,8 +35,6 @@ from rig.signals.cycles import find_cycles, full_cycles
 from rig.signals.test_set import TestSet
 from rig.test_point import LOOP
 
-MIDDLE = 0.5
-"""Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
 FEWEST_SAMPLES = 10
 DOUBTS = frozenset({"few-cycles", "no-repeat", "one-cycle-no-series", "time-errors"})
 """Warnings of a test's preparation that its standard values are to be read with."""

@@ -55,6 +55,25 @@ def test_a_viscous_dampers_energy_damping_and_peak_forces_are_the_closed_form() 
     assert loop.peak_force_N == pytest.approx((loop.rebound_N.value, loop.jounce_N.value), abs=3.0)
 
 
+def test_the_force_of_a_triangle_is_that_of_its_constant_velocity_and_not_of_its_overshoot() -> None:
+    rate_Hz, frequency_Hz, speed_m_s = 500.0, 1.0, 0.1
+    time_s = np.arange(0.0, 8.0 / frequency_Hz, 1.0 / rate_Hz)
+    since_s = (time_s + 0.25 / frequency_Hz) % (0.5 / frequency_Hz)
+    side = np.where((time_s + 0.25 / frequency_Hz) % (1.0 / frequency_Hz) < 0.5 / frequency_Hz, 1.0, -1.0)
+    settling = np.exp(-since_s / 0.02) * np.cos(since_s / 0.02)  # a position loop after a corner
+    velocity_m_s = side * speed_m_s * (1.0 - 2.0 * settling)
+    point = RecordedPoint.from_arrays(
+        time_s=time_s, displacement_m=np.cumsum(velocity_m_s) / rate_Hz, velocity_m_s=velocity_m_s,
+        force_N=2000.0 * velocity_m_s - 50.0, id="cv", waveform="triangle",
+        amplitude_m=speed_m_s / (4.0 * frequency_Hz), frequency_Hz=frequency_Hz, current_A=0.0, sample_rate_Hz=rate_Hz,
+    )  # fmt: skip
+    loop = characterise_loop(point)
+    assert np.max(np.abs(velocity_m_s)) > 1.05 * speed_m_s
+    assert loop.peak_speed_m_s == pytest.approx(speed_m_s, rel=2e-3)
+    assert (loop.rebound_N.value, loop.jounce_N.value) == pytest.approx((150.0, -250.0), abs=1.0)
+    assert loop.peak_force_N.rebound_N > 155.0
+
+
 def test_the_force_table_has_a_row_for_each_velocity_and_a_column_for_each_current() -> None:
     loops = [
         characterise_loop(viscous(damping, frequency_Hz, -50.0, current_A))
