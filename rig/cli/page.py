@@ -287,7 +287,10 @@ def _campaign(run: Path) -> Path:
     Raises:
         FileProblem: it does not.
     """
-    if not CampaignFolder(run).journal.is_file():
+    from rig.page.ended_run import is_imported  # loads numpy, which the options of a page do not need
+
+    folder = CampaignFolder(run)
+    if not folder.journal.is_file() and not is_imported(folder):
         raise FileProblem(str(run), ["contains no campaign. Fix: specify the folder that `rig run` printed (see "
             "`rig runs`)"])
     return run.resolve()

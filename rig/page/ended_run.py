@@ -22,6 +22,7 @@ from drivers.ring import Channel
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
+from rig.station.live_folder import read_json
 from rig.text_file import open_regular
 
 EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"')
@@ -57,14 +58,17 @@ class EndedRun:
         """How it ended: `valid`, `total`, `rig_state`, `stopped_by`, `points`, `lines`; or `cut_off`, with `points`.
 
         With `refused` (a code) the last session did not begin, for the reason in `lines`; `points` are of those before.
+        Of an imported run, which has no journal: `imported`, `valid`, `total`, `points`.
         """
+        source = self._run.description if is_imported(self._run) else self._run.journal
         try:
-            status = self._run.journal.stat()
+            status = source.stat()
         except OSError:
             return {"cut_off": True, "points": []}
         stamp = status.st_mtime_ns, status.st_size
         if self._result is None or stamp != self._stamp:
-            self._stamp, self._result = stamp, _result(self._run.journal)
+            made = _result(source) if source == self._run.journal else _imported(self._run)
+            self._stamp, self._result = stamp, made
         return self._result
 
     @property
@@ -89,6 +93,29 @@ class EndedRun:
         """The file of a recorded point; None if there is none."""
         point = next((known for known in self.result["points"] if known.get("id") == point_id), None)
         return None if point is None else self.file(point)
+
+
+def is_imported(run: CampaignFolder) -> bool:
+    """Whether this run was imported from files of other programs."""
+    return not run.journal.is_file() and read_json(run.description).get("imported") is True
+
+
+def _imported(run: CampaignFolder) -> dict[str, Any]:
+    points: list[dict[str, Any]] = []
+    with contextlib.suppress(OSError, ValueError, RecursionError, subprocess.SubprocessError):
+        points = _objects(json.loads(_read_apart("rig.recording.listing", run.path) or b"[]"))
+    valid = sum(point.get("verdict") == "valid" for point in points)
+    return {"imported": True, "valid": valid, "total": len(points), "points": points, "lines": []}
+
+
+def _read_apart(module: str, path: Path) -> bytes | None:
+    """What a separate process reads of a file or folder from outside; None if it fails."""
+    silent = subprocess.DEVNULL
+    command = [sys.executable, "-m", module, str(path)]
+    done = subprocess.run(
+        command, stdin=silent, stdout=subprocess.PIPE, stderr=silent, timeout=READ_S, check=False
+    )
+    return None if done.returncode else done.stdout
 
 
 def _result(journal: Path) -> dict[str, Any]:
@@ -160,7 +187,7 @@ def _events(journal: Path) -> Iterator[dict[str, Any]]:
 def recorded_frame(path: Path) -> bytes | None:
     """The last cycles of a recorded point and its last 20 s as one frame; None if the file cannot be read.
 
-    A separate process with the lowest priority reads the file: no file can harm the page, and a running rig does not
+    A separate process with low priority reads the file: no file can harm the page, and a running rig does not
     wait for it. Recorded files are only ever replaced as a whole, so reading does not disturb the campaign.
     """
     with contextlib.suppress(OSError, KeyError, ValueError, IndexError, subprocess.SubprocessError, BadZipFile):
@@ -169,14 +196,10 @@ def recorded_frame(path: Path) -> bytes | None:
 
 
 def _frame(path: Path) -> bytes | None:
-    command = [sys.executable, "-m", "rig.recording.excerpt", str(path)]
-    silent = subprocess.DEVNULL
-    done = subprocess.run(
-        command, stdin=silent, stdout=subprocess.PIPE, stderr=silent, timeout=READ_S, check=False
-    )
-    if done.returncode:
+    excerpt = _read_apart("rig.recording.excerpt", path)
+    if excerpt is None:
         return None
-    arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False)
+    arrays = np.load(io.BytesIO(excerpt), allow_pickle=False)
     shown = {
         int(channel): thinned(arrays[f"time_{name}"], arrays[name], MOST_SHOWN) for channel, name in CHANNELS.items()
     }

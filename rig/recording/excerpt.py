@@ -21,8 +21,8 @@ SHOWN_CYCLES, SHOWN_S = 5.0, 20.0
 MOST_SHOWN = 4000
 FULL = 0.95
 """Of the largest amplitude: counts as full."""
-NICENESS = 19
-"""The lowest priority: a file may be read while a campaign runs on the same computer."""
+NICENESS = 10
+"""A file may be read while a campaign runs on the same computer: below its converter."""
 CHANNELS = ("force", "displacement", "current", "coil_temperature", "commanded_current")
 
 

@@ -49,6 +49,7 @@ function of_a_stop() { // until the campaign has ended, or moves again
 function of_the_end(ended, note) {
   const lines = (ended.lines || []).map((line) => /[.!?:;]$/.test(line) ? line : `${line}.`).join(" ");
   if (ended.refused) return ["bad", "✗", "REFUSED", lines + note];
+  if (ended.imported) return ["wait", "↥", "IMPORTED", `${ended.valid} of ${ended.total} imported tests valid${note}`];
   if (ended.cut_off) return ["bad", "✗", "INTERRUPTED", `The campaign ended without a result (process killed or power failure). Inspect the rig before you resume the campaign.${note}`];
   if (ended.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: inspect the rig before continuing. ${lines}${note}`];
   if (ended.stopped_by) return ["bad", "■", "STOPPED", (lines || ended.stopped_by) + note];

@@ -117,9 +117,11 @@ function draw_trends() {
     chart.draw(found);
   }
 }
+function few(ids) { return ids.length > 2 ? `${ids.length} points` : ids.join(", "); }
 function headings(old) {
   const shown_ids = selected.filter((each) => each && each.series).map((each) => each.id), one = old ? point(old.id) : null;
-  const of = !old ? "" : shown_ids.length === 1 ? ` – ${old.id} as recorded${one ? `: ${describe(one)}` : ""}` : ` – ${shown_ids.join(", ")} as recorded`;
+  const reading = selected.filter((each) => each && !each.series).map((each) => each.id);
+  const of = (!old ? "" : shown_ids.length === 1 ? ` – ${old.id} as recorded${one ? `: ${describe(one)}` : ""}` : ` – ${few(shown_ids)} as recorded`) + (reading.length ? ` – reading ${few(reading)} …` : "");
   for (const [id, text] of [["head-fx", `Force vs. displacement${of}`], ["head-fv", `Force vs. velocity${of}`], ["head-strips", old ? `Last 20 s of ${old.id} as recorded` : strips.kept ? "Zoomed in (not live); reset the zoom to follow the rig" : "Last 20 s"]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
 }
 

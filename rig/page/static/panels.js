@@ -24,6 +24,7 @@ function matrix() {
   const points = run ? run.points : [];
   if (rows_of !== points) { // a new plan; results change rows only
     rows_of = points; rows.clear(); by_id("matrix").replaceChildren(); running_row = null;
+    by_id("matrix-box").style.setProperty("--id-width", `min(calc(${points.reduce((most, one) => Math.max(most, one.id.length), 4)}ch + 1.5rem), 40%)`);
     for (const one of points) { const row = element("li"); row.dataset.id = one.id; rows.set(one.id, row); by_id("matrix").append(row); }
   }
   for (const one of points) show_row(one.id, one);

@@ -96,6 +96,22 @@ def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> N
     assert np.array_equal(series[201][1], np.float32(data["displacement"][at]))
 
 
+def test_an_imported_run_has_no_journal_and_is_shown_by_its_files(tmp_path: Path) -> None:
+    (tmp_path / "points").mkdir()
+    shutil.copy(FIRST_VERSION, tmp_path / "points" / "p001.h5")
+    (tmp_path / "campaign.json").write_text(json.dumps({"id": tmp_path.name, "imported": True, "specimen": "A"}))
+    shown = WatchedRun(tmp_path)
+    ended = shown.state()["ended"]
+    assert (ended["imported"], ended["valid"], ended["total"]) == (True, 1, 1)
+    point = shown.description()["points"][0]
+    assert (point["waveform"], point["amplitude_m"], point["file"]) == ("sine", 0.05, "p001.h5")
+    result = shown.results()["points"][point["id"]]
+    assert result["file"] is True
+    assert result["peak_force_compression_N"] < result["peak_force_rebound_N"]
+    (tmp_path / "points" / "p001.h5").write_bytes(b"no HDF5")
+    assert WatchedRun(tmp_path).results()["points"] == {}
+
+
 def test_units_and_signs_of_the_page_are_those_of_display(tmp_path: Path) -> None:
     (tmp_path / "matrix.toml").write_text('[display]\nforce = "lbf"\npositive = "compression"\n')
     display = WatchedRun(tmp_path).description()["display"]
