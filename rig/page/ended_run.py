@@ -67,8 +67,8 @@ class EndedRun:
             return {"cut_off": True, "points": []}
         stamp = status.st_mtime_ns, status.st_size
         if self._result is None or stamp != self._stamp:
-            made = _result(source) if source == self._run.journal else _imported(self._run)
-            self._stamp, self._result = stamp, made
+            self._stamp = stamp
+            self._result = _result(source) if source == self._run.journal else _imported(self._run)
         return self._result
 
     @property
