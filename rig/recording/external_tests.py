@@ -236,9 +236,9 @@ class _Part:
     notes: tuple[str, ...]
 
 
-def _lines(breaks: Sequence[Break]) -> str:
+def _lines(breaks: Sequence[Break], row: str) -> str:
     shown = ", ".join(str(one.line) for one in breaks[:3])
-    return f"line{'s' * (len(breaks) > 1)} {shown}{', ...' * (len(breaks) > 3)}"
+    return f"{row}{'s' * (len(breaks) > 1)} {shown}{', ...' * (len(breaks) > 3)}"
 
 
 def _test(
@@ -309,26 +309,39 @@ def _parts(opened: TableFile, time_s: FloatArray, settings: ImportSettings) -> t
         if 0 < one.row < len(time_s):
             step_s = float(time_s[one.row] - time_s[one.row - 1])
             goes_on = "time" in settings.columns or settings.rate_Hz is None
+            back = not one.count and goes_on and step_s <= 0.0  # behind blank rows another test starts
             cut = not (goes_on and 0.0 < step_s <= longest_s) if one.heading else settings.dialect.event_rows == "split"
-            cuts += [one.row] * cut
+            cuts += [one.row] * (cut or back)
     edges = [0, *sorted({*cuts}), len(time_s)]
     parts = [(start, stop) for start, stop in itertools.pairwise(edges) if stop - start >= FEWEST_ROWS]
-    return parts, list(_notes(breaks, len(edges) - 1, parts, len(time_s)))
+    row = opened.row_name(0).partition(" ")[0]
+    return parts, list(_notes(breaks, len(edges) - 1, parts, len(time_s), row))
 
 
-def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]], rows: int) -> Iterator[str]:
-    """What to state of lines between rows, and of rows that are in no test."""
+def _notes(
+    breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]], rows: int, row: str
+) -> Iterator[str]:
+    """What to state of lines between rows, and of rows that are in no test.
+
+    Args:
+        breaks: where these lines are.
+        count: parts of the file.
+        parts: those that are tests.
+        rows: of the file.
+        row: what the file's rows are called.
+    """
     headings = [one for one in breaks if one.heading and not one.other]
     others = [one for one in breaks if one.other]
     events = [one for one in breaks if one.count and not one.heading]
     if headings:
-        yield f"{len(headings)} repeated heading(s) ({_lines(headings)})"
+        yield f"{len(headings)} repeated heading(s) ({_lines(headings, row)})"
     if events:
-        yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events)})"
+        yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events, row)})"
     if others:
-        yield f"{sum(one.other for one in others)} row(s) of other tables left out (after {_lines(others)})"
+        yield f"{sum(one.other for one in others)} row(s) of other tables left out (after {_lines(others, row)})"
     if count > 1:
-        yield f"file split into {count} parts at these rows, one test each"
+        where = "these" if headings or events else "blank"
+        yield f"file split into {count} parts at {where} rows, one test each"
     elif headings:
         yield "the parts before and after these headings were joined because the time continues"
     used = sum(stop - start for start, stop in parts)

@@ -249,7 +249,9 @@ def _below_heading(lines: Sequence[str], separator: str, first: int, width: int)
         numbers = sum(is_any_number(cell) or is_stamp(cell) for cell in cells)
         if numbers > 1 and 2 * numbers >= sum(cell.lower() not in NOTHING for cell in cells):
             start = k
-        elif len(cells) == width and all(cells) and not numbers:
+        elif len(cells) == width and not numbers and all(
+            name for name, cell in zip(cells, cells_of(lines[first], separator), strict=False) if is_any_number(cell)
+        ):
             return start if start == k + 1 else first
     return first
 

@@ -53,6 +53,9 @@ LINES_BEFORE = 50
 class CsvFile:
     """A CSV file; see `rig.recording.file_formats.table_file.TableFile`."""
 
+    ROW = "line"
+    """What a row is called."""
+
     def __init__(self, file: Path, data: bytes, stated: Dialect) -> None:
         """Guess how it is written.
 
@@ -102,7 +105,7 @@ class CsvFile:
 
     def row_name(self, row: int) -> str:
         """See `TableFile.row_name`."""
-        return f"line {self._layout.first_line + row if self._lines is None else int(self._lines[row])}"
+        return f"{self.ROW} {self._layout.first_line + row if self._lines is None else int(self._lines[row])}"
 
     def breaks(self) -> Sequence[Break]:
         """See `TableFile.breaks`; known after `values`."""
@@ -268,8 +271,9 @@ class CsvFile:
             if possible or self._stated.event_rows == "refuse":
                 skip = "" if possible else ", or leave this table out with --event-rows skip"
                 raise FileProblem(str(self._file), [
-                    f"line {number + first}: another table starts, with {', '.join(cells + following)[:200]}; the "
-                    f"first table has {', '.join(names + units)[:200]}. Fix: save each table as a separate file{skip}",
+                    f"{self.ROW} {number + first}: another table starts, with {', '.join(cells + following)[:200]}; "
+                    f"the first table has {', '.join(names + units)[:200]}. Fix: save each table as a separate file"
+                    f"{skip}",
                 ])  # fmt: skip
             return OTHER_TABLE
         return ""
@@ -331,7 +335,7 @@ class CsvFile:
             cells = cells_of(row, layout.separator)
             problems = []
             if any(POINT.fullmatch(cell) for cell in cells[len(layout.names) :]):
-                problems.append(f"line {line}: {len(cells)} values, but only {len(layout.names)} columns")
+                problems.append(f"{self.ROW} {line}: {len(cells)} values, but only {len(layout.names)} columns")
             for place in places:
                 cell = cells[place] if place < len(cells) else ""
                 grouped = layout.thousands in {",", "."}
@@ -342,7 +346,7 @@ class CsvFile:
                     hint = hint if "," in cell or "." in cell else ""
                     hint = f"; it {FORTRAN_HINT}" if FORTRAN.fullmatch(cell) else hint
                     name = self.columns[place].name
-                    problems.append(f"line {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")
+                    problems.append(f"{self.ROW} {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")
             yield from problems
             reported += len(problems)
             if reported >= MOST_PROBLEMS:

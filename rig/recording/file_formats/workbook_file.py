@@ -105,6 +105,8 @@ def open_workbook(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, S
 class SheetFile(CsvFile):
     """A sheet of a workbook; see `rig.recording.file_formats.table_file.TableFile`."""
 
+    ROW = "row"
+
     def __init__(self, file: Path, data: bytes, kind: str, sheet: Sheet, stated: Dialect) -> None:
         """Find its table.
 
@@ -143,10 +145,6 @@ class SheetFile(CsvFile):
         units = [f"units in row {layout.units_line}"] if layout.units_line else []
         sheet = f"{'hidden ' * self._sheet.hidden}sheet {self._sheet.name!r}"
         return ", ".join((self._kind, sheet, names, *units, rows)) + self._midnight
-
-    def row_name(self, row: int) -> str:
-        """See `TableFile.row_name`."""
-        return super().row_name(row).replace("line", "row")
 
     def values(self, places: Sequence[int]) -> list[FloatArray]:
         """See `TableFile.values`.

@@ -63,8 +63,13 @@ STAMPS: list[list[object]] = [["at", "x_mm", "F_N"], *([START + dt.timedelta(sec
                                                        for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
 
 
+SUMMARY: list[list[object]] = [[None, "Summary", "value"], [None, "max F", 900.0], [None, "min F", -900.0]]
+BESIDE: list[list[object]] = [*([*row, *more] for row, more in zip(TABLE, SUMMARY, strict=False)), *TABLE[3:]]
+
+
 @pytest.mark.parametrize(("rows", "columns"), [
-    (TABLE, COLUMNS), (UNITS, {"time": "t", "displacement": "x", "force": "F"}), (STAMPS, {**COLUMNS, "time": "at"}),
+    (TABLE, COLUMNS), (BESIDE, COLUMNS), (UNITS, {"time": "t", "displacement": "x", "force": "F"}),
+    (STAMPS, {**COLUMNS, "time": "at"}),
 ])
 def test_the_table_of_a_workbook_is_read(rows: list[list[object]], columns: dict[str, str], tmp_path: Path) -> None:
     notes: list[list[object]] = [["remarks"], ["none", 1.0]]
@@ -84,6 +89,21 @@ def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
     settings = ImportSettings(COLUMNS, None, r"(?P<current>[0-9.]+)A", dialect=Dialect(sheet="all"))
     tests = read_tests([path], settings)
     assert [(test.part, test.nominal_current_A) for test in tests] == [("0.5A", 0.5), ("1.0A", 1.0)]
+
+
+def test_tests_below_each_other_in_a_sheet_are_tests_each(tmp_path: Path) -> None:
+    for between in ([["Test 2"], TABLE[0]], []):  # the heading again, or only a blank row
+        rows = [*TABLE[:301], [], *between, *TABLE[1:202]]
+        tests = read(workbook(tmp_path / "a.xlsx", {"Run": rows}), COLUMNS)
+        assert [len(test.time_s) for test in tests] == [300, 201]
+        check(tests[1], 201)
+
+
+@pytest.mark.parametrize("name", ["sample.xls", "sample.ods", "sample.xlsb"])
+def test_workbooks_of_other_programs_are_read(name: str) -> None:
+    """Three columns of 60 rows below row 3, right of column A, written by xlwt, odfpy and pyxlsbwriter."""
+    (test,) = read(Path(__file__).parent / "workbooks" / name, COLUMNS)
+    check(test, 60)
 
 
 def test_numbers_stored_as_text_with_a_comma_are_never_thousands(tmp_path: Path) -> None:
