@@ -30,10 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("given", [True, False])
-def test_every_format_says_whether_the_current_was_measured(
-    given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_format_says_that_the_current_was_not_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import pandas as pd
     import pyarrow.parquet
     import xarray
@@ -42,7 +39,7 @@ def test_every_format_says_whether_the_current_was_measured(
 
     point = RecordedPoint.from_arrays(
         time_s=T, displacement_m=X, force_N=FORCE, id="p001", waveform="sine", amplitude_m=0.01, frequency_Hz=1.114,
-        current_A=0.5, provenance={"current": "as specified; not measured"} if given else {},
+        current_A=0.5, provenance={"current": "as specified; not measured"},
     )  # fmt: skip
     monkeypatch.setattr(Run, "open", lambda path: Run(path, (point,)))
     for target in ("csv", "mat", "netcdf", "parquet", "mf4"):
@@ -52,7 +49,7 @@ def test_every_format_says_whether_the_current_was_measured(
     reported |= {pd.read_csv(tmp_path / "points.csv")["current_source"][0]}
     reported |= {loadmat(tmp_path / "p001.mat", simplify_cells=True)["point"]["current_source"]}
     reported |= {pyarrow.parquet.read_table(tmp_path / "p001.parquet").schema.metadata[b"current_source"].decode()}
-    expected = "as specified; not measured" if given else "measured"
+    expected = "as specified; not measured"
     assert reported == {expected}
     with MDF(tmp_path / "p001.mf4") as data:
         assert f"current_source: {expected}</TX>" in data.header.comment
@@ -84,7 +81,7 @@ def test_xarray_reads_the_netcdf_file_with_units_bit_for_bit(folder: Path) -> No
 
     (file,) = export(folder, "netcdf", folder / "out")
     with xarray.open_dataset(file, engine="scipy", decode_times=False) as data:
-        assert data.attrs["id"] == "p001"
+        assert (data.attrs["id"], data.attrs["current_source"]) == ("p001", "measured")
         assert float(data.attrs["skew_std_s"]) == 1.0 / 3.0  # all digits of it
         for name, unit, expected in (("time_s", "s", T), ("displacement_m", "m", X), ("force_N", "N", FORCE)):
             assert data[name].attrs["units"] == unit

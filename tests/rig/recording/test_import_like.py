@@ -12,6 +12,7 @@ import pytest
 from in_process import rig
 
 from rig.errors import FileProblem
+from rig.recording.import_preset import ImportPreset
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
 
@@ -26,10 +27,11 @@ def table(path: Path, names: str = "Zeit;Weg;Kraft", units: str = "s;mm;N", size
     return path
 
 
-@pytest.fixture
-def earlier(tmp_path: Path) -> Path:
-    file = table(tmp_path / "first.csv")
-    return import_tests([file], columns=COLUMNS, scales={"force": -1}, current_A=0.5, out=tmp_path / "first")
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("earlier")
+    file = table(folder / "first.csv")
+    return import_tests([file], columns=COLUMNS, scales={"force": -1}, current_A=0.5, out=folder)
 
 
 def force_N(run: Path) -> Sequence[float]:
@@ -110,7 +112,7 @@ def test_new_options_replace_those_that_exclude_them(earlier: Path, tmp_path: Pa
 def test_runs_without_usable_options_are_named(
     changed: dict[str, object], problem: str, earlier: Path, tmp_path: Path
 ) -> None:
-    file = earlier / "campaign.json"
-    file.write_text(json.dumps({**json.loads(file.read_text()), **changed}))
+    held = json.loads((earlier / "campaign.json").read_text())
+    (tmp_path / "campaign.json").write_text(json.dumps({**held, **changed}))
     with pytest.raises(FileProblem, match=problem):
-        import_tests([table(tmp_path / "a.csv")], like=earlier, current_A=0.5, out=tmp_path / "out")
+        ImportPreset.of_run(tmp_path)

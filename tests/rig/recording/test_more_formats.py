@@ -53,14 +53,14 @@ def workbook(path: Path, sheets: dict[str, list[list[object]]]) -> Path:
     return path
 
 
-TABLE: list[list[object]] = [["t_s", "x_mm", "F_N"], *([float(t), float(x), float(f)]
-                                                       for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
+SHEET = 200
+"""Rows of the tables in workbooks, which openpyxl writes slowly."""
+NUMBERS = [(float(t), float(x), float(f)) for t, x, f in zip(T[:SHEET], X_MM, F_N, strict=False)]
+TABLE: list[list[object]] = [["t_s", "x_mm", "F_N"], *map(list, NUMBERS)]
 UNITS: list[list[object]] = [["Damper 7"], [dt.date(2026, 3, 1)], [], ["t", "x", "F", "note"],
-                             ["s", "mm", "kN"], *([float(t), float(x), float(f) / 1e3, "ok"]
-                                                  for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
+                             ["s", "mm", "kN"], *([t, x, f / 1e3, "ok"] for t, x, f in NUMBERS)]  # fmt: skip
 START = dt.datetime(2026, 3, 16, 23, 59, 59)  # noqa: DTZ001 - as workbooks have them
-STAMPS: list[list[object]] = [["at", "x_mm", "F_N"], *([START + dt.timedelta(seconds=float(t)), float(x), float(f)]
-                                                       for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
+STAMPS: list[list[object]] = [["at", "x_mm", "F_N"], *([START + dt.timedelta(seconds=t), x, f] for t, x, f in NUMBERS)]
 
 
 SUMMARY: list[list[object]] = [[None, "Summary", "value"], [None, "max F", 900.0], [None, "min F", -900.0]]
@@ -74,18 +74,18 @@ BESIDE: list[list[object]] = [*([*row, *more] for row, more in zip(TABLE, SUMMAR
 def test_the_table_of_a_workbook_is_read(rows: list[list[object]], columns: dict[str, str], tmp_path: Path) -> None:
     notes: list[list[object]] = [["remarks"], ["none", 1.0]]
     (test,) = read(workbook(tmp_path / "a.xlsx", {"Notes": notes, "Run 1": rows}), columns)
-    check(test)
+    check(test, SHEET)
     assert "Excel workbook, sheet 'Run 1'" in test.read_as
 
 
 def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
-    path = workbook(tmp_path / "a.xlsx", {"0.5A": TABLE, "1.0A": TABLE[:301]})
+    path = workbook(tmp_path / "a.xlsx", {"0.5A": TABLE, "1.0A": TABLE[:101]})
     with pytest.raises(FileProblem, match=r"2 sheets contain tables: '0\.5A', '1\.0A'\. Fix: use --sheet"):
         read(path, COLUMNS)
     with pytest.raises(FileProblem, match=r"no sheet 'x'; its sheets: '0\.5A', '1\.0A'"):
         read(path, COLUMNS, sheet="x")
     (one,) = read(path, COLUMNS, sheet="1.0A")
-    check(one, 300)
+    check(one, 100)
     settings = ImportSettings(COLUMNS, None, r"(?P<current>[0-9.]+)A", dialect=Dialect(sheet="all"))
     tests = read_tests([path], settings)
     assert [(test.part, test.nominal_current_A) for test in tests] == [("0.5A", 0.5), ("1.0A", 1.0)]
@@ -93,10 +93,10 @@ def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
 
 def test_tests_below_each_other_in_a_sheet_are_tests_each(tmp_path: Path) -> None:
     for between in ([["Test 2"], TABLE[0]], []):  # the heading again, or only a blank row
-        rows = [*TABLE[:301], [], *between, *TABLE[1:202]]
+        rows = [*TABLE[:151], [], *between, *TABLE[1:102]]
         tests = read(workbook(tmp_path / "a.xlsx", {"Run": rows}), COLUMNS)
-        assert [len(test.time_s) for test in tests] == [300, 201]
-        check(tests[1], 201)
+        assert [len(test.time_s) for test in tests] == [150, 101]
+        check(tests[1], 101)
 
 
 @pytest.mark.parametrize("name", ["sample.xls", "sample.ods", "sample.xlsb"])
@@ -125,8 +125,8 @@ def test_workbooks_that_unpack_beyond_measure_are_refused(tmp_path: Path, monkey
     book.save(far)
     with pytest.raises(FileProblem, match="more than 2 GiB of memory"):
         read(far, COLUMNS)
-    monkeypatch.setattr("rig.recording.file_formats.table_file.MOST_NUMBERS", 4000)
-    with pytest.raises(FileProblem, match="contains 1503 cells or more; at most 1000 are allowed"):
+    monkeypatch.setattr("rig.recording.file_formats.table_file.MOST_NUMBERS", 2000)
+    with pytest.raises(FileProblem, match="contains 603 cells or more; at most 500 are allowed"):
         read(workbook(tmp_path / "c.xlsx", {"Run": TABLE}), COLUMNS)
 
 
@@ -134,7 +134,7 @@ def test_columns_below_a_merged_cell_are_found_by_it_and_hidden_sheets_only_by_n
     openpyxl = pytest.importorskip("openpyxl")
     heading: list[list[object]] = [["Two dampers"], ["Time", "Damper 1", None, "Damper 2", None],
                                    [None, "Stroke", "Force", "Stroke", "Force"], ["s", "mm", "kN", "mm", "kN"]]
-    numbers = [[float(t), 0.0, 1.0, float(x), float(f) / 1e3] for t, x, f in zip(T, X_MM, F_N, strict=True)]
+    numbers: list[list[object]] = [[t, 0.0, 1.0, x, f / 1e3] for t, x, f in NUMBERS]
     path = workbook(tmp_path / "a.xlsx", {"old": TABLE, "new": [*heading, *numbers]})
     book = openpyxl.load_workbook(path)
     book["old"].sheet_state = "hidden"
@@ -142,7 +142,7 @@ def test_columns_below_a_merged_cell_are_found_by_it_and_hidden_sheets_only_by_n
         book["new"].merge_cells(area)
     book.save(path)
     (test,) = read(path, {"time": "Time", "displacement": "Damper 2/Stroke", "force": "Damper 2/Force"})
-    check(test)
+    check(test, SHEET)
     assert "force Damper 2/Force (kN, the file says)" in test.read_as
     with pytest.raises(FileProblem, match="select one of them with Damper 1/Force, Damper 2/Force"):
         read(path, {"time": "Time", "displacement": "#4", "force": "Force"})
@@ -151,7 +151,7 @@ def test_columns_below_a_merged_cell_are_found_by_it_and_hidden_sheets_only_by_n
 
 def test_formulas_are_not_evaluated(tmp_path: Path) -> None:
     rows = [TABLE[0], *([t, x, f"=B{k}*45"] for k, (t, x, _) in enumerate(TABLE[1:], 2))]
-    with pytest.raises(FileProblem, match=r"500 formula\(s\) in the workbook have no stored value"):
+    with pytest.raises(FileProblem, match=r"200 formula\(s\) in the workbook have no stored value"):
         read(workbook(tmp_path / "a.xlsx", {"Run": rows}), COLUMNS)
 
 
@@ -402,7 +402,7 @@ def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
     st.integers(1, 4), st.integers(3, 600), st.booleans(), st.text("ä %.mkN" + string.ascii_letters, max_size=60),
     st.floats(1e-6, 1e6), st.floats(1e-5, 1.0), st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_what_is_written_as_rpc3_is_read_again(
     count: int, rows: int, integers: bool, name: str, size: float, step_s: float, seed: int
 ) -> None:
@@ -429,7 +429,7 @@ def test_damaged_files_of_these_formats_are_refused_or_read(name: str, tmp_path:
         path = tmp_path / file
         write(path)
     whole, source = path.read_bytes(), np.random.default_rng(5)
-    for _ in range(12):
+    for _ in range(6):
         damaged = bytearray(whole[: source.integers(140, len(whole))] if source.random() < 0.4 else whole)
         for place in source.integers(0, len(damaged) if source.random() < 0.5 else min(len(damaged), 2048), 6):
             damaged[place] = source.integers(256)
