@@ -1,6 +1,7 @@
 """The pictures in README.md, of a campaign on the simulated rig: `python3 dev.py pictures` (2 minutes; wants Chromium).
 
-`examples/table1.toml` is run five times faster than life; the page is taken while it runs, the report at its end.
+`examples/table1.toml` is run five times faster than life; the page is taken while it runs, the first screen of the
+report and the two printed pages for a customer at its end.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import tempfile
 import threading
 from pathlib import Path
 
+import pypdfium2
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
@@ -22,7 +24,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 PAGES = {"page": (1366, 940, 1.0), "page-phone": (390, 844, 1.0), "page-4k": (3840, 2160, 0.5)}
 """Picture of the page: width and height of the window, and the factor by which the picture is scaled."""
-REPORT_SIZE = {"width": 1366, "height": 1130}
+REPORT_SIZE = {"width": 1366, "height": 768}
+PAPER_SCALE = 1.35
+"""Pixels per point of the printed pages."""
 SPEED = "5"
 WAIT_MS = 600_000
 COLOURS = 96
@@ -76,6 +80,22 @@ def take_report(browser: Browser, report: Path, out: Path) -> None:
     page.close()
 
 
+def take_paper(campaign: Path, out: Path) -> None:
+    """The two printed pages for a customer, side by side."""
+    details = ROOT / "examples" / "customer.toml"
+    command = [sys.executable, "-m", "rig.cli.main", "report", str(campaign), "--pdf", "--summary", "--details",
+               str(details), "--json"]  # fmt: skip
+    written = json.loads(subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout)
+    sheets = [sheet.render(scale=PAPER_SCALE).to_pil() for sheet in pypdfium2.PdfDocument(written["pdf"])]
+    gap = 12
+    both = Image.new("RGB", (sum(one.width + gap for one in sheets) + gap, sheets[0].height + 2 * gap), "#9aa5b1")
+    for place, one in enumerate(sheets):
+        both.paste(one, (gap + place * (one.width + gap), gap))
+    content = io.BytesIO()
+    both.save(content, "PNG")
+    keep(content.getvalue(), out / "report-pages.png")
+
+
 def keep(picture: bytes, path: Path, scale: float = 1.0) -> None:
     """As a PNG of few colours: a third of the size without a visible difference."""
     image = Image.open(io.BytesIO(picture)).convert("RGB")
@@ -104,6 +124,7 @@ def main() -> int:
             if process.poll() is None:
                 process.terminate()
         take_report(browser, Path(result["report"]), out)
+        take_paper(Path(result["campaign"]), out)
         browser.close()
     return 0
 

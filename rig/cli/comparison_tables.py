@@ -10,6 +10,7 @@ from rig.comparison.changes import Change
 from rig.comparison.differences import Comparison
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES
 from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, table
+from rig.document.numbers import MINUS, known_digits
 from rig.document.terminal import Line, lines
 from rig.document.words import FAIR, GOOD, POOR
 
@@ -141,9 +142,15 @@ def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, s
 
 def _change(changed: Change, unit: str) -> tuple[str, str]:
     """A change and its expanded uncertainty: in %, or in the quantity's unit where the first value is near zero."""
-    if math.isfinite(changed.percent):
-        return _signed(changed.percent, PERCENT), _with(_number(COVERAGE * changed.percent_std, 2), PERCENT)
-    return _signed(changed.value, _unit(unit)), _with(_number(COVERAGE * changed.std, 2), _unit(unit))
+    value, std, unit = (
+        (changed.percent, changed.percent_std, PERCENT) if math.isfinite(changed.percent)
+        else (changed.value, changed.std, _unit(unit))
+    )
+    expanded = COVERAGE * std
+    if not math.isfinite(value) or not expanded > 0.0:  # also where the uncertainty is not known
+        return _signed(value, unit), _with(_number(expanded, 2), unit)
+    shown, uncertain = (known_digits(one, expanded).replace(MINUS, "-") for one in (value, expanded))
+    return _with(shown if shown.startswith("-") else f"+{shown}", unit), _with(uncertain, unit)
 
 
 def _with(shown: str, unit: str) -> str:
