@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
-from in_process import rig
 from matrices import LONG_SECOND_POINT, TWO_POINTS
 from scenario_campaign import Setting
 from watched_campaign import answer_of, resumed
@@ -20,19 +18,14 @@ if TYPE_CHECKING:
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def refused_here(*arguments: str | Path) -> tuple[int, dict[str, Any]]:
-    """Exit code and answer of `rig run` in this process: it ends before it starts another one."""
-    done = rig("run", *arguments, "--json")
-    return done.returncode, json.loads(done.stdout)
-
-
 @pytest.mark.few(1)
+@pytest.mark.wire
 @pytest.mark.parametrize("place", ["/sys/runs", "file/runs"])
 def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_path: Path, place: str) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(TWO_POINTS, encoding="utf-8")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
-    code, answer = refused_here(matrix, "--simulate", "--out", tmp_path / place)
+    code, answer = answer_of(str(matrix), "--simulate", "--out", str(tmp_path / place))
     assert (code, answer["slug"]) == (3, "dir-readonly")
     assert place in answer["error"]
     assert (tmp_path / "file").read_text(encoding="utf-8") == "in the way"
@@ -101,7 +94,7 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(TWO_POINTS.replace(*change), encoding="utf-8")
     bench = EXAMPLES / "demo-bench.toml"
-    code, answer = refused_here(matrix, "--bench", bench, "--out", tmp_path / "out")
+    code, answer = answer_of(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
     assert (code, answer["slug"]) == (3, "matrix-infeasible")
     assert "p002" in answer["error"]
     assert named in answer["error"]
@@ -130,7 +123,7 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     text = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
     assert good in text
     bench.write_text(text.replace(good, absurd), encoding="utf-8")
-    code, answer = refused_here(matrix, "--bench", bench, "--out", tmp_path / "out")
+    code, answer = answer_of(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
     assert (code, answer["slug"]) == (2, "config-absurd"), "a file that cannot be used"
     key = absurd.split(" = ")[0]
     assert any(key in problem for problem in answer["problems"]), answer["problems"]
