@@ -82,7 +82,8 @@ class Source:
             FileProblem: there is none, or it is no fit; everything that is wrong with it.
         """
         if isinstance(self.given, FitRecord):
-            written = json.dumps(self.given.to_json(), indent=1, allow_nan=False) + "\n"
+            content = json.dumps(self.given.to_json(), indent=1, allow_nan=False) + "\n"
+            written = self.given.text if isinstance(self.given, Fit) else content
             return replace(self.given, sha256=self.given.sha256 or hashlib.sha256(written.encode()).hexdigest())
         file = self.fit_file
         if not file.is_file():

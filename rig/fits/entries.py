@@ -402,6 +402,35 @@ class Unseen:
 
 
 @dataclass(frozen=True)
+class TestCycle:
+    """One cycle of a fitted test that has no file, for figures of the fit that is read back; arrays of one length.
+
+    Attributes:
+        id: of the test.
+        dt_s: sampling interval (s).
+        displacement_m: about mid-stroke (m).
+        velocity_m_s: velocity (m/s).
+        acceleration_m_s2: acceleration (m/s^2).
+        force_N: measured force (N); 0 where it was not measured.
+        current_A: coil current (A).
+        missing: places of the samples without a force, from 0.
+        temperature_degC: recorded temperature (degC); empty where none was.
+    """
+
+    __test__ = False  # pytest takes classes called Test for its own
+
+    id: str
+    dt_s: float
+    displacement_m: tuple[float, ...]
+    velocity_m_s: tuple[float, ...]
+    acceleration_m_s2: tuple[float, ...]
+    force_N: tuple[float, ...]
+    current_A: tuple[float, ...]
+    missing: tuple[int, ...] = ()
+    temperature_degC: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """How well the model describes and predicts the tests.
 

@@ -145,8 +145,9 @@ def fit_content(fit: Mapping[str, Any], evaluation: Evaluation, equation: str) -
     for entry in flat["parameters"].values():
         if not entry["reason"]:
             del entry["reason"]
-    if not flat["corrections"]:
-        del flat["corrections"]
+    for name in ("corrections", "cycles"):
+        if not flat.get(name):
+            flat.pop(name, None)
     error["holdout"] = None if holdout is None else _with_mean_within(_errors(holdout), evaluation.holdout)
     return flat | {
         "error": error,

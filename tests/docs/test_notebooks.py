@@ -58,7 +58,8 @@ def output_of(book: NotebookNode) -> str:
 
 
 def pictures(book: NotebookNode) -> int:
-    return sum("image/svg+xml" in output.get("data", {}) for cell in book.cells for output in cell.get("outputs", ()))
+    kinds = {"image/svg+xml", "image/png"}
+    return sum(bool(kinds & {*output.get("data", {})}) for cell in book.cells for output in cell.get("outputs", ()))
 
 
 def test_the_notebook_of_imported_files_finds_the_damper(ran: dict[str, Ran]) -> None:
@@ -69,7 +70,8 @@ def test_the_notebook_of_imported_files_finds_the_damper(ran: dict[str, Ran]) ->
     assert float(low) < float(truth) < float(high)
     assert float(value) == pytest.approx(238.0, rel=0.01)
     assert re.search(r"True\s+current_A", text)  # 3 A was not tested
-    assert pictures(book) == 1
+    assert pictures(book) == 2
+    assert (ran["from-files-to-a-model"].folder / "model" / "damper_asymmetric.py").is_file()
 
 
 def test_the_notebook_of_two_campaigns_does_not_accept_the_worn_damper(ran: dict[str, Ran]) -> None:

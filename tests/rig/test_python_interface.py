@@ -346,9 +346,20 @@ def test_a_text_column_is_left_out_by_its_name(frames: dict[str, pd.DataFrame]) 
         assert len(rig.load(table)) == 1
 
 
-def test_a_loaded_fit_without_files_says_how_its_loops_are_drawn(fit: rig.Fit, run: rig.Run, tmp_path: Path) -> None:
-    again = rig.load_fit(fit.save(tmp_path))
-    assert json.loads((tmp_path / "fit.json").read_text())["model"] == "asymmetric"
+def test_a_loaded_fit_draws_the_cycles_of_tests_that_have_no_files(
+    fit: rig.Fit, run: rig.Run, tmp_path: Path
+) -> None:
+    path = fit.save(tmp_path)
+    again = rig.load_fit(path)
+    assert rig.load_fit(again.save(tmp_path / "copy.json")).cycles == again.cycles
+    for one, other in zip(fit.plot_loops().lines, again.plot_loops().lines, strict=True):
+        assert other.get_ydata() == pytest.approx(one.get_ydata(), rel=1e-5, abs=1e-3)
+    assert again.residuals["residual_N"].std() == pytest.approx(fit.residuals["residual_N"].std(), rel=1e-4)
+    content = json.loads(path.read_text())
+    content["cycles"][0]["force_N"].pop()
+    path.write_text(json.dumps(content))
+    with pytest.raises(FileProblem, match=r"cycles\[0\]: .*force_N"):
+        rig.load_fit(path).plot_loops()
     with pytest.raises(IdentificationFailed, match="tests="):
-        again.plot_loops()
-    assert len(again.plot_loops(tests=run).lines) == 2 * len(run)
+        replace(again, cycles=()).plot_loops()
+    assert len(replace(again, cycles=()).plot_loops(tests=run).lines) == 2 * len(run)

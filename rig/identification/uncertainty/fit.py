@@ -16,12 +16,14 @@ from rig.campaign_folder import CampaignFolder
 from rig.dampers.arrays import FloatArray
 from rig.document.axes import draw_on
 from rig.errors import IdentificationFailed
+from rig.fits.entries import TestCycle
 from rig.fits.fit_record import FitRecord
 from rig.fits.plain import APART
 from rig.fits.summary import summary, summary_html
 from rig.identification.application.law import Law
 from rig.identification.application.residuals import residual_table
 from rig.identification.application.saving import saved
+from rig.identification.application.test_cycles import cycles_of, tests_of
 from rig.identification.models.measurement import Measurement
 from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
 from rig.recording.recorded_point import RecordedPoint
@@ -45,8 +47,11 @@ class Fit(FitRecord):
     and `rig.load_fit(path)` keep it; `fit.predict`, `fit.simulate` and `fit.inverse` use it; `fit.plot_loops()` draws.
 
     Attributes:
+        cycles: the same as values of the file, of a loaded fit whose tests have no files.
         tests: one cycle of each fitted test, for figures; empty in a loaded fit.
     """
+
+    cycles: tuple[TestCycle, ...] = field(default=(), repr=False, compare=False)
 
     tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False, metadata=APART)
 
@@ -131,8 +136,9 @@ class Fit(FitRecord):
 
     @property
     def text(self) -> str:
-        """What `save` writes."""
-        return json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n"
+        """What `save` writes; tests that have no files are in it with a cycle each, for figures."""
+        cycles = self.cycles if not self.tests or any(test.file for test in self.tests) else cycles_of(self.tests)
+        return json.dumps(replace(self, cycles=cycles).to_json(), indent=1, allow_nan=False) + "\n"
 
     def export(self, format: str, folder: Path | str) -> list[Path]:
         """Write the fitted model for another program.
@@ -344,7 +350,7 @@ class Fit(FitRecord):
             IdentificationFailed: the fit knows no test.
             FileProblem: a test's file, which a loaded fit names, cannot be read.
         """
-        return residual_table(self.behind_spring.law, self._shown_tests(None))
+        return residual_table(self.behind_spring.law, self.shown_tests())
 
     def residuals_of(self, tests: Source) -> pd.DataFrame:
         """Measured minus modelled force over all evaluated cycles of any tests.
@@ -379,7 +385,7 @@ class Fit(FitRecord):
         from rig.identification.application.drawing import loops  # loads pandas or the compiled loops
 
         axis_over(over)
-        drawn = loops(self.behind_spring.law, self._shown_tests(tests))
+        drawn = loops(self.behind_spring.law, self.shown_tests(tests))
         return draw_on(drawn.figures[1 if over == "velocity" else 0], ax)
 
     def plot_residuals(
@@ -392,11 +398,17 @@ class Fit(FitRecord):
         """
         from rig.identification.application.drawing import residuals  # loads pandas or the compiled loops
 
-        return draw_on(residuals(self.behind_spring.law, self._shown_tests(tests), axis_over(over)), ax)
+        return draw_on(residuals(self.behind_spring.law, self.shown_tests(tests), axis_over(over)), ax)
 
-    def _shown_tests(self, tests: Source | None) -> list[Measurement]:
-        """The tests to show: those that are given, else a cycle of each fitted one."""
-        return _prepared(tests) if tests is not None else list(self.tests) or _tests_of_files(self)
+    def shown_tests(self, tests: Source | None = None) -> list[Measurement]:
+        """The tests to show: those that are given, else a cycle of each fitted one; none where the fit knows none.
+
+        Raises:
+            FileProblem: a test, or the file of the fit, cannot be read.
+        """
+        if tests is not None:
+            return _prepared(tests)
+        return list(self.tests) or tests_of(self.cycles, str(self.path)) or _tests_of_files(self)
 
 
 def load_fit(path: Path | str) -> Fit:
@@ -434,7 +446,7 @@ class FitPlots:
         """
         from rig.identification.application.drawing import loops  # loads pandas or the compiled loops
 
-        return loops(self._fit.law, list(self._fit.tests) or _tests_of_files(self._fit))
+        return loops(self._fit.law, self._fit.shown_tests())
 
 
 def _tests_of_files(fit: Fit) -> list[Measurement]:
