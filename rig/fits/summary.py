@@ -11,10 +11,14 @@ from rig.document.html import fragment
 from rig.document.numbers import NOTHING, number
 from rig.document.terminal import lines
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity
-from rig.fits.entries import ErrorSummary
+from rig.fits.entries import ErrorSummary, TestedRange
 from rig.fits.fit_record import FitRecord
 from rig.fits.parameters import WIDTH, parameter_table
 
+UNITS = {"m": "m", "m_s": "m/s", "A": "A", "degC": "degC"}
+"""End of the name of a tested quantity -> its unit."""
+NEARLY_ZERO = 1e-3
+"""Share of the range's larger end."""
 MOST_LINES = 40
 MOST_PARAMETERS = 22
 MOST_REMARKS = 3
@@ -27,7 +31,7 @@ INADEQUATE = (
 ADEQUACY: dict[bool | None, tuple[Severity, str]] = {
     True: (GOOD, "The model fits the tests within measurement noise."),
     False: (POOR, f"{INADEQUATE}."),
-    None: (PLAIN, "No test has two cycles, so the error cannot be compared with the measurement noise."),
+    None: (PLAIN, "It is unknown whether the model fits the tests within measurement noise."),
 }
 
 
@@ -57,7 +61,7 @@ def _blocks(fit: FitRecord) -> Blocks:
         *_errors(fit),
         replace(parameter_table(shown), title="Parameters"),
         *([Paragraph(f"{hidden} more parameters: fit.params")] if hidden else []),
-        *([Paragraph(f"Tested: {fit.tested.describe()}")] if fit.tested is not None else []),
+        *([Paragraph(f"Tested: {_tested(fit.tested)}")] if fit.tested is not None else []),
         *_undetermined(fit),
         *_remarks("Probable cause of the misfit", [cause.text for cause in fit.diagnosis], "fit.diagnosis"),
         *_remarks("Warning", fit.warnings, "fit.warnings"),
@@ -69,6 +73,18 @@ def _errors(fit: FitRecord) -> Iterator[Block]:
     if fit.holdout is not None:
         count = len(fit.holdout.per_test)
         yield Paragraph(f"Error on {count} validation test{'s' * (count != 1)}: {_measures(fit.holdout)}")
+
+
+def _tested(tested: TestedRange) -> str:
+    """The tested ranges in words and units."""
+    ranges = []
+    for name, ends in tested.ranges():
+        quantity, _, suffix = name.partition("_")
+        if ends is not None:
+            low, high = (f"{end:.4g}" if abs(end) > NEARLY_ZERO * max(map(abs, ends)) else "0" for end in ends)
+            ranges.append(f"{quantity} {low} to {high} {UNITS[suffix]}")
+    levels = ", ".join(f"{current_A:.3g}" for current_A in tested.only_at_A)
+    return ", ".join(ranges) + f"; only near the currents {levels} A" * bool(levels)
 
 
 def _measures(error: ErrorSummary) -> str:

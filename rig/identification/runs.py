@@ -59,14 +59,13 @@ def identify(
     if _ready(tests):
         if reading:
             raise FileProblem("identify", [
-                f"got {', '.join(reading)}, which apply to files and tables, but the tests are already prepared. Fix: "
-                "pass them to rig.load"
+                f"got {', '.join(reading)}: options of files and tables, but the tests are already loaded. Fix: pass "
+                "them to rig.load"
             ])  # fmt: skip
         return _fitted(tests, options)
     from rig.recording.loading import runs_of  # loads h5py, which prepared tests do not need
 
-    runs = [tests] if isinstance(tests, Run) else runs_of(tests, LoadOptions.of(reading))
-    return _fit_of_runs(runs, options, suspect=suspect)
+    return _fit_of_runs(runs_of(tests, LoadOptions.of(reading)), options, suspect=suspect)
 
 
 def _ready(tests: Tests | Source) -> TypeGuard[Sequence[RecordedPoint] | Sequence[Measurement]]:

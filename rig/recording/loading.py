@@ -20,10 +20,11 @@ from rig.recording.file_formats.columns import choose
 from rig.recording.file_formats.named_columns import named_quantity
 from rig.recording.file_formats.table_file import TableColumn
 from rig.recording.importing import Described, points_of
-from rig.recording.load_options import LoadKeywords, LoadOptions
+from rig.recording.load_options import OPTIONS, LoadKeywords, LoadOptions
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.recording.table_columns import check_current, table_channels
+from rig.recording.views import DESCRIBED
 from rig.signals.free_motion import RANDOM
 from rig.signals.waveform import WAVEFORM_NAMES
 from rig.text_file import read_text
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 ENDINGS = frozenset((
     ".csv", ".txt", ".dat", ".tsv", ".asc", ".parquet", ".nc", ".xlsx", ".xlsm", ".mat", ".h5", ".hdf5", ".mf4", ".mdf",
-    ".tdms", ".lvm", ".rsp", ".rpc", ".tim",
+    ".tdms", ".lvm", ".rsp", ".drv", ".rpc", ".tim", ".xls", ".xlsb", ".ods",
 ))  # fmt: skip
 """Of files that are taken from a folder; a file that is named may have any."""
 LIST_OF_POINTS = "points.csv"
@@ -88,6 +89,12 @@ def runs_of(source: Source, options: LoadOptions) -> list[Run]:
     single = list(_flat(source, options))
     files = [one for one in single if isinstance(one, Path)]
     tables = [one for one in single if isinstance(one, _NamedTable)]
+    stated = _stated(options)
+    if stated and not files and not tables:
+        raise FileProblem("load", [
+            f"got {', '.join(stated)}: options of files and tables from other programs, but the source contains "
+            "recorded tests only. Fix: omit them"
+        ])  # fmt: skip
     current_A = _currents(options, len(files) + len(tables))
     foreign: list[RecordedPoint] = []
     if files:
@@ -106,6 +113,15 @@ def runs_of(source: Source, options: LoadOptions) -> list[Run]:
     if not runs:
         raise FileProblem("load", ["got an empty list, expected tests: folders, files, tables or runs"])
     return runs
+
+
+def _stated(options: LoadOptions) -> list[str]:
+    """Names of the options that differ from their defaults."""
+    usual = LoadOptions()
+    return [
+        name for name in OPTIONS if (getattr(options, name) is not None if name in {"current_A", "no_value"}
+                                     else getattr(options, name) != getattr(usual, name))
+    ]  # fmt: skip
 
 
 def _currents(options: LoadOptions, count: int) -> list[float | None]:
@@ -180,7 +196,7 @@ def _frame(table: Any) -> pd.DataFrame:  # noqa: ANN401 - whatever is a table
         return table
     try:
         if hasattr(table, "to_dataframe"):  # of xarray
-            return table.to_dataframe()  # type: ignore[no-any-return]  # a foreign object
+            return table.drop_vars(DESCRIBED, errors="ignore").to_dataframe()  # type: ignore[no-any-return]  # a foreign object
         if hasattr(table, "to_pandas"):  # of polars, pyarrow
             return table.to_pandas()  # type: ignore[no-any-return]  # a foreign object
         return pd.DataFrame({str(name): np.asarray(values) for name, values in table.items()})
@@ -319,6 +335,10 @@ def _tables(name: str, frame: pd.DataFrame, options: LoadOptions) -> Iterable[_N
     Raises:
         FileProblem: the table has no such column.
     """
+    if options.by is None and "point" in frame.index.names and frame.index.nlevels > 1:  # `Run.to_xarray`
+        for point, rows in frame.groupby(level="point", sort=False):
+            yield _NamedTable(str(point), rows.dropna(subset="time_s").reset_index(drop=True))
+        return
     if options.by is None:
         yield _NamedTable(name, frame)
         return
@@ -337,6 +357,8 @@ def _points_of_table(table: _NamedTable, current_A: float | None, options: LoadO
         FileProblem: it is no test.
     """
     name = table.name
+    if not len(table.frame):
+        raise FileProblem(name, ["the table has no rows"])
     frame, units = _with_own_columns(table, options)
     channels, times = table_channels(frame, name, units, tuple(options.accept))
     measured_A, commanded_A = channels.get("current"), channels.get("commanded_current")

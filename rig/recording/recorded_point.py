@@ -360,7 +360,7 @@ class RecordedPoint(TestPoint):
 
     def __repr__(self) -> str:
         """One line: id, motion, current, verdict."""
-        motion = f"{1e3 * self.amplitude_m:.4g} mm, {self.frequency_Hz:.4g} Hz, {self.current_A:.3g} A"
+        motion = f"{1e3 * self.amplitude_m:.4g} mm, {self.frequency_Hz:.4g} Hz, {round(self.current_A, 3) + 0.0:g} A"
         return f"RecordedPoint({self.id!r}, {self.waveform}, {motion}, {self.verdict})"
 
 

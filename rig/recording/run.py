@@ -149,7 +149,10 @@ class Run:
             NoSuchEntry: there is no such point.
         """
         if isinstance(place, slice):
-            return replace(self, points=self.points[place], apart=(), unreadable=())
+            try:
+                return replace(self, points=self.points[place], apart=(), unreadable=())
+            except TypeError:
+                raise NoSuchEntry(f"run: got the slice {place}, expected places from 0, such as run[:3]") from None
         if isinstance(place, str):
             named = [point for point in self.points if point.id == place]
             if len(named) == 1:

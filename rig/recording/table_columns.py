@@ -13,7 +13,7 @@ from rig.errors import DataWarning, FileProblem
 from rig.recording.external_tests import LARGEST, implausible, uniform_times, without_no_value
 from rig.recording.file_formats.csv_dialect import is_stamp
 from rig.recording.file_formats.file_units import named_unit, units_for
-from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity
+from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity, time_name
 from rig.recording.file_formats.text_cells import numbers_of_cells, seconds_of_stamps
 from rig.signals.arrays import FloatArray
 from rig.signals.sample_times import SampleTimes
@@ -97,7 +97,7 @@ def table_channels(
     problems = []
     for column in table:
         name = str(column)
-        if name == time_column or name.lower() in TIMES:
+        if name == time_column or time_name(name) in TIMES:
             continue
         try:
             quantity, values = _channel(table[column], name, known)
@@ -123,8 +123,9 @@ def table_channels(
         now_s, before_s = channels["time"][row], channels["time"][row - 1]
         raise FileProblem(where, [
             f"row {row}: time {now_s:.9g} s is not after {before_s:.9g} s ({len(wrong)} such rows); the time "
-            "must increase from row to row, and no uniform sampling rate was found. Fix: sort the rows, or set the "
-            "time: table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
+            "must increase from row to row, and no uniform sampling rate was found. Fix: sort the rows; for several "
+            "tests in one table, use rig.load(table, by=COLUMN); or set the time: table.index = "
+            "pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
         ])
     doubts = list(implausible(channels, source, accept))
     if doubts:
@@ -237,7 +238,7 @@ def _kind_of_time(source: Any, column: str | None, known: TableUnits) -> str:  #
     """`certain`, `bare` (a time without a unit), or empty: no time."""
     if getattr(source, "nlevels", 1) > 1:
         return ""
-    name = "" if source.name is None else str(source.name).lower()
+    name = "" if source.name is None else time_name(source.name)
     dates = source.dtype.kind in "mM" or hasattr(source.dtype, "tz")
     if dates or _is_stamps(source):
         return "certain" if column is None or name.split("_")[0] in DATES else ""
@@ -292,7 +293,7 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
         return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
     if _is_stamps(source):
         return _of_stamps(source, where)
-    name, stated = str(source.name).lower(), _stated_unit(source, known)
+    name, stated = time_name(source.name), _stated_unit(source, known)
     scale = TIMES.get(name, 1.0)
     if stated is not None:
         unit = named_unit(str(stated), "time")

@@ -90,6 +90,11 @@ def axis_over(over: str) -> tuple[Axis, float]:
     return OVER[over]
 
 
+def current_name(current_A: float) -> str:
+    """A current as a legend has it; NaN is one that changes."""
+    return "changing current" if math.isnan(current_A) else f"{round(current_A, 2) + 0.0:.2f} A"
+
+
 def loops_figure(points: Sequence[Recorded], over: str) -> Figure:
     """Force (N) of each point over velocity (m/s) or displacement (mm), coloured by the level of its current.
 
@@ -106,7 +111,7 @@ def loops_figure(points: Sequence[Recorded], over: str) -> Figure:
     traces = []
     for number, point in enumerate(points):
         few, place = thinned(point.samples, MOST_SAMPLES), levels.of_test[number] or 0
-        named = f"{levels.name_A(number):.2f} A"
+        named = current_name(levels.name_A(number))
         name = f"{point.id}, {named}" if len(points) <= len(levels) else named
         along = scale * point.channel(over)[few]
         traces.append(Trace(along, point.force_N[few], name=name, colour=current_colour(place, len(levels))))

@@ -92,7 +92,10 @@ def sources(frames: dict[str, pd.DataFrame], files: Path) -> dict[str, Any]:
         "tables by name": frames, "list of tables": [*frames.values()],
         "run and files": [rig.load(apart[:2]), *apart[2:]], "points": [*rig.load(files)],
         "one table": pd.concat([table.assign(test=name) for name, table in frames.items()], ignore_index=True),
-        "arrays and tables": [{name: first[name].to_numpy() for name in first}, *others],
+        "arrays and tables": [{name: first[name].to_numpy() for name in first}, *others], "headings": [
+            table.set_axis(["Time [s]", "Displacement [mm]", "Force (kN)", "Current [A]"], axis=1)
+            for table in frames.values()
+        ], "xarray": rig.load(frames).to_xarray(),
     }
 
 
@@ -295,6 +298,8 @@ REFUSED: dict[str, tuple[object, dict[str, Any], str]] = {
     "nothing": ([], {}, "empty list"),
     "no file": ("nowhere.csv", {}, "no such file"),
     "no match": ("nowhere/*.csv", {}, "no file matches"),
+    "no rows": (pd.DataFrame({"time_s": []}), {}, "no rows"),
+    "an option that is not used": (rig.Run(rig.Run.NOWHERE, ()), {"units": {"force": "N"}}, "got units"),
     "no current": (pd.DataFrame({"time_s": T, "displacement_mm": X, "force_N": F}), {}, "current_A=0.5"),
     "other names": (pd.DataFrame({"t_s": T, "x": X, "F": F}), {}, "no column 'displacement'"),
     "no such column": (pd.DataFrame({"t_s": T}), {"columns": {"force": "F"}}, "no column 'F'"),
@@ -303,7 +308,7 @@ REFUSED: dict[str, tuple[object, dict[str, Any], str]] = {
         pd.DataFrame({"time_s": T, "displacement_m": 20 * X, "force_N": F, "current_A": 1.0}), {}, "probably in mm"),
     "several tests": (
         pd.concat([pd.DataFrame({"time_s": T, "displacement_mm": X, "force_N": F, "current_A": 1.0})] * 2), {},
-        "is not after"),
+        "by=COLUMN"),
     "two currents": (pd.DataFrame({"time_s": T}), {"current_A": [1.0, 2.0]}, "got 2 currents for 1"),
     "waveform": (pd.DataFrame({"time_s": T}), {"waveform": "square"}, "got 'square', expected"),
 }  # fmt: skip

@@ -13,27 +13,35 @@ from rig.errors import IdentificationFailed
 from rig.identification.application.law import Law
 from rig.identification.application.residuals import NO_TESTS, residual_table
 from rig.identification.models.measurement import Measurement, first_cycle
+from rig.recording.views import current_name
+from rig.signals.test_set import current_levels
 
 MOST_RESIDUALS = 20_000
 """Points of a figure."""
 WIDTH, HEIGHT = 480, 340
+LINES = "measured (lines), modelled (dashed)"
 MOST_NAMED = 12
 """Tests that a legend still lists."""
 
 
-def loops(law: Law, tests: Sequence[Measurement]) -> Plot:
+def loops(law: Law, tests: Sequence[Measurement], *, by_current: bool = False) -> Plot:
     """Force over displacement and over velocity, one cycle of every test: measured as a line, modelled dashed.
+
+    Args:
+        law: the fitted model.
+        tests: any number of them, at least one.
+        by_current: name the lines by their current alone.
 
     Raises:
         IdentificationFailed: there is no test to draw.
     """
     if not tests:
         raise IdentificationFailed(f"no loops to draw: {NO_TESTS}")
-    currents = [float(np.mean(test.current_A)) for test in tests]
-    levels = sorted(set(currents))
+    levels = current_levels([test.current for test in tests])
     over_u, over_v = list[Trace](), list[Trace]()
-    for test, current_A in zip(map(first_cycle, tests), currents, strict=True):
-        colour, name = current_colour(levels.index(current_A), len(levels)), f"{test.id}, {current_A:.2f} A"
+    for number, test in enumerate(map(first_cycle, tests)):
+        colour, named = current_colour(levels.of_test[number] or 0, len(levels)), current_name(levels.name_A(number))
+        name = named if by_current else f"{test.id}, {named}"
         measured, force_N = np.where(test.scored, test.force_N, np.nan), law.force_of(test)
         for traces, along in ((over_u, 1e3 * test.u_m), (over_v, test.v_m_s)):
             traces += [Trace(along, measured, name=name, colour=colour), Trace(along, force_N, Style.OVERLAID)]
@@ -41,7 +49,7 @@ def loops(law: Law, tests: Sequence[Measurement]) -> Plot:
     return Plot(Panels((
         Figure(Axis("Displacement about mid-stroke", "mm"), force, over_u, WIDTH, HEIGHT),
         Figure(Axis("Velocity", "m/s"), force, over_v, WIDTH, HEIGHT, legend=legend),
-    ), title=f"{law.model.name}: measured (lines), modelled (dashed)"))  # fmt: skip
+    ), title=f"{law.model.name}: {LINES}"))  # fmt: skip
 
 
 def residuals(law: Law, tests: Sequence[Measurement], over: tuple[Axis, float]) -> Figure:

@@ -11,7 +11,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.recording.file_formats.file_units import named_unit, units_for
-from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity
+from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity, time_name
 from rig.recording.recorded_point import RecordedPoint
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
     for name in also:
         _numbers(frame, name, problems)
     time_s = arrays["time_s"]
-    scale = TIMES.get(str(frame.index.name).casefold())
+    scale = TIMES.get(time_name(frame.index.name))
     if scale is not None:
         index_s = scale * np.asarray(frame.index, dtype=float)
         if time_s is not None and not np.array_equal(time_s, index_s):
@@ -190,7 +190,7 @@ def _in_si(frame: pd.DataFrame, also: Sequence[str]) -> tuple[pd.DataFrame, list
     columns: dict[str, Any] = {}
     for place, name in enumerate(map(str, frame.columns)):
         quantity = named_quantity(name, STEMS)
-        seconds = TIMES.get(name.casefold())
+        seconds = TIMES.get(time_name(name))
         target = "time_s" if seconds is not None else None if quantity is None else COLUMNS.get(quantity.channel)
         if target is None or name in also:
             sources.setdefault(name, []).append(name)
@@ -236,7 +236,7 @@ def _unit_of(name: str, text: str | None, found: NamedQuantity | None, seconds: 
     unit = named_unit(text, dimension)
     if unit is None:
         raise ValueError(f"the table states the unit {text!r}, expected one of {', '.join(units_for(dimension))}")
-    own = by_name is not None or (found is None and "_" in name)
+    own = by_name is not None or (found is None and "_" in time_name(name))
     if own and (unit[1].scale, unit[1].offset) != (scale, offset):
         raise ValueError(f"the name and the stated unit {text!r} contradict each other")
     return unit[1].scale, unit[1].offset

@@ -382,11 +382,12 @@ class Fit(FitRecord):
         Raises:
             RigError: matplotlib is not installed, or there is nothing to draw.
         """
-        from rig.identification.application.drawing import loops  # loads pandas or the compiled loops
+        from rig.identification.application.drawing import LINES, loops  # loads pandas or the compiled loops
 
         axis_over(over)
-        drawn = loops(self.behind_spring.law, self.shown_tests(tests))
-        return draw_on(drawn.figures[1 if over == "velocity" else 0], ax)
+        drawn = loops(self.behind_spring.law, self.shown_tests(tests), by_current=True)
+        panel = drawn.figures[1 if over == "velocity" else 0]
+        return draw_on(replace(panel, title=f"{self.model}: {LINES}", legend=True), ax)
 
     def plot_residuals(
         self, ax: Axes | None = None, *, over: Over = "velocity", tests: Source | None = None

@@ -51,6 +51,13 @@ class NamedQuantity:
         return None if named is None else named[1]
 
 
+def time_name(name: object) -> str:
+    """The name of a column in lower case, a unit of time in brackets as its end: `Time [ms]` is `time_ms`."""
+    base, text = split_heading(str(name))
+    unit = named_unit(text, "time") if text else None
+    return str(name).casefold() if unit is None else f"{base.casefold()}_{unit[0]}"
+
+
 def named_quantity(name: str, more: Mapping[str, tuple[str, str]] | None = None) -> NamedQuantity | None:
     """The quantity that a name states in full, with its unit or without: `force`, `force_kN`, `Force [kN]`.
 
@@ -84,7 +91,7 @@ def stated_columns(columns: Sequence[TableColumn]) -> dict[str, str]:
         if stated is not None and (stated.suffix or named_unit(column.unit, stated.dimension)):
             if stated.channel in FILE_QUANTITIES:
                 labels_of.setdefault(FILE_QUANTITIES[stated.channel], []).append(label)
-        elif column.name.casefold() in TIMES and ("_" in column.name or named_unit(column.unit, "time")):
+        elif time_name(column.name) in TIMES and ("_" in time_name(column.name) or named_unit(column.unit, "time")):
             labels_of.setdefault("time", []).append(label)
     twice = [
         f"columns {' and '.join(map(repr, labels))} both contain the {quantity}. Fix: specify the column to use for "
