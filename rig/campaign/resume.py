@@ -23,6 +23,7 @@ from rig.matrix.model import Matrix
 from rig.recording.conversion.recovery import recover_held
 from rig.recording.hdf5.reading import check_values
 from rig.recording.point_files import FILE, OLD_FILE
+from rig.recording.quality.point_quality import LoopQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import TestPoint
 
@@ -243,7 +244,9 @@ def _damage(file: Path) -> tuple[str, ...]:
 
 
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
-    return PointResult(point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples)
+    loop = recorded.quality.loop
+    peaks = LoopQuality(rebound_N=loop.rebound_N, compression_N=loop.compression_N).numbers
+    return PointResult(point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples, peaks)
 
 
 NAME = r"[a-z0-9_]{1,60}"

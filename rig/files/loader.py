@@ -180,7 +180,7 @@ def _problems(detail: ErrorDetails, model: Table, data: object) -> list[Problem]
     context: dict[str, Any] = detail.get("ctx") or {}
     place = _place(detail, data)
     if "problems" in context:
-        return [((*place, *inside), message) for inside, message in context["problems"]]
+        return [(_written((*place, *inside), model, data), message) for inside, message in context["problems"]]
     section, field = field_at(model, detail["loc"])
     written = place
     if field is not None and quantity_of(field) is not None:
@@ -192,6 +192,11 @@ def _problems(detail: ErrorDetails, model: Table, data: object) -> list[Problem]
     else:
         message = _message(detail, field)
     return [(written, message)]
+
+
+def _written(place: Place, model: Table, data: object) -> Place:
+    """A place inside a table with its key as it is in the file: `speed` may be written `speed_mm_s`."""
+    return as_written(place, field_at(model, place)[0], data) if any(isinstance(part, str) for part in place) else place
 
 
 def _unknown_key(model: Table, section: Table, key: str) -> str:

@@ -182,6 +182,7 @@ def test_stroke_and_peak_speed_give_amplitude_and_frequency_of_each_waveform(tmp
         ('amplitude = ["20 mm"]\nfrequency = ["1 Hz"]\nspeed = ["0.1 m/s"]', "line 10: matrix.speed"),
         ('amplitude = ["20 mm"]\nstroke = ["40 mm"]\nspeed = ["0.1 m/s"]', "line 9: matrix.stroke"),
         ('speed = ["0.1 m/s"]', "missing: amplitude, stroke or frequency"),
+        ('amplitude = ["20 mm"]\nstroke_mm = [40]\nspeed = ["0.1 m/s"]', "line 9: matrix.stroke_mm = [40]"),
         ('stroke_mm = [0.0002]\nspeed = ["0.1 m/s"]', "1.592e+05 Hz for this speed (allowed: 0.001 Hz to 100 Hz)"),
         ('frequency_Hz = [0.001]\nspeed = ["40 m/s"]', "6.366e+06 mm for this speed (allowed: up to 1 m)"),
         ('stroke = ["2 in"]\nspeed = ["0.254 m/s", "10 in/s"]', "duplicate value 0.254 m/s"),
