@@ -344,9 +344,11 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
         from rig.cli.force_tables import force_blocks
         from rig.files.kept_display import kept_display
 
-        shown.print()
-        show(force_blocks(result.force_tables, kept_display(campaign.campaign)), shown)
-        shown.print()
+        tables = result.force_tables
+        if tables:
+            shown.print()
+            show(force_blocks(tables, kept_display(campaign.campaign)), shown)
+            shown.print()
     if not campaign.refused:
         colour = "green" if campaign.valid == campaign.total else "yellow"
         line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
