@@ -16,7 +16,7 @@ import contextlib
 import json
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,6 +78,19 @@ class Refusal(Exception):
     def __init__(self, slug: str, text: str) -> None:
         super().__init__(text)
         self.slug = slug
+
+
+@dataclass(frozen=True)
+class Asker:
+    """Who asks.
+
+    Attributes:
+        by: the operator's name, for the run's files.
+        may_start: whether this browser has control now.
+    """
+
+    by: str
+    may_start: Callable[[], bool]
 
 
 class Desk:
@@ -171,8 +184,8 @@ class Desk:
 
     # What is asked of it
 
-    async def answer(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
-        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`; `by` holds control.
+    async def answer(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
 
         One at a time, and few that wait: the processor is the rig's. `of` names the matrix or run it is about.
         """
@@ -187,7 +200,7 @@ class Desk:
         self._waiting += 1
         try:
             async with self._asking:
-                return {**reply, **await answers[do](message, by)}
+                return {**reply, **await answers[do](message, asker)}
         except Refusal as refusal:
             return {**reply, "refused": refusal.slug, "text": str(refusal)}
         finally:
@@ -210,8 +223,8 @@ class Desk:
         if self.starting and self.started is not None:
             raise Refusal("already-running", f"{self.started.by} is starting a run: {self.started.title}.")
 
-    async def _plan(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
-        del by
+    async def _plan(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+        del asker
         self._idle()
         name = message.get("matrix")
         path = self._matrix(name)
@@ -229,7 +242,7 @@ class Desk:
             raise Refusal("unknown-matrix", "This matrix file is no longer in the folder. Choose another one.")
         return path
 
-    async def _begin(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+    async def _begin(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
         self._idle()
         name = str(message.get("matrix"))
         path, planned = self._matrix(name), str(message.get("planned"))
@@ -247,11 +260,11 @@ class Desk:
             str(path), f"--bench={self.bench.path}", *rig, f"--planned={planned}", f"--serial-number={serial_number}",
             f"--out={self.bench.out}",
         )  # fmt: skip
-        self._start(arguments, by, f"{name}, specimen {serial_number}", message)
+        self._start(arguments, asker, f"{name}, specimen {serial_number}", message)
         return {"ok": True}
 
-    async def _questions(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
-        del by
+    async def _questions(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+        del asker
         self._idle()
         run = self._resumable(message.get("run"))
         answer = await self._ask({"do": "questions", "run": str(self.bench.out / run["name"])})
@@ -269,7 +282,7 @@ class Desk:
             raise Refusal("nothing-left", "This run has no points left to run.")
         return run
 
-    async def _resume(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
+    async def _resume(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
         self._idle()
         run = self._resumable(message.get("run"))
         name = str(run["name"])
@@ -288,11 +301,11 @@ class Desk:
             *(() if self.bench.simulate else (f"--bench={self.bench.path}",)),
             *((f"--requalified={requalified}",) if requalified else ()),
         )  # fmt: skip
-        self._start(arguments, by, f"resumed {name}", message)
+        self._start(arguments, asker, f"resumed {name}", message)
         return {"ok": True}
 
-    async def _make_report(self, message: Mapping[str, Any], by: str) -> dict[str, Any]:
-        del by
+    async def _make_report(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+        del asker
         self._idle()
         run = self.history.entry(message.get("run"))
         if run is None or not run["recorded"]:
@@ -300,12 +313,15 @@ class Desk:
         await self._ask({"do": "report", "run": str(self.bench.out / run["name"])})
         return {"ok": True, "run": run["name"]}
 
-    def _start(self, arguments: tuple[str, ...], by: str, title: str, message: Mapping[str, Any]) -> None:
+    def _start(self, arguments: tuple[str, ...], asker: Asker, title: str, message: Mapping[str, Any]) -> None:
         """Start `rig run`; everything since the last look at what runs is done without waiting.
 
         Raises:
-            Refusal: it cannot be started.
+            Refusal: it cannot be started, or control was lost while the request waited.
         """
+        if not asker.may_start():
+            raise Refusal("no-lease", "Take control first.")
+        by = asker.by
         texts = {key: one_line(message.get(key), WORDS[key]) for key in ("specimen", "note")}
         words = {"operator": by, **{key: text for key, text in texts.items() if text}}
         utc = utc_now().isoformat(timespec="seconds")

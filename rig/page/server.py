@@ -27,7 +27,7 @@ from websockets.http11 import Request, Response
 from rig.clock import monotonic_ns
 from rig.page.access import Access, Denied, Role
 from rig.page.commands import DESK, LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line, understood
-from rig.page.desk import Desk
+from rig.page.desk import Asker, Desk
 from rig.page.document import BENCH, RUN, document, headers, report_headers
 from rig.page.ended_run import recorded_frame
 from rig.page.lease import Lease
@@ -230,7 +230,8 @@ class PageServer:
         async def answer() -> None:
             do = message["do"]
             refused = self._commands.refused_at_desk(do, client)
-            reply = refused or await desk.answer(message, self._commands.called(client))
+            asker = Asker(self._commands.called(client), lambda: self._lease.held_by(client.key))
+            reply = refused or await desk.answer(message, asker)
             with suppress(ConnectionClosed):
                 await connection.send(written({"type": "answer", **reply}))
             self._send_status(desk)

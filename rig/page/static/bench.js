@@ -116,6 +116,7 @@ function remember() { // the matrix of before, after a run or a reload
   if (standing.role === "operator" && !busy() && bench.matrices.some((one) => one.name === name && !one.remark)) ask_plan(name);
 }
 function ask_plan(name) {
+  if (planning === name) return;
   asked = null; plan = null; planning = name; by_id("resume").hidden = true; by_id("begin").hidden = true;
   sessionStorage.setItem("rig-bench-matrix", name);
   by_id("plan").replaceChildren(); by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = `Planning ${name} …`; by_id("plan-head").textContent = "2. Read the plan, then start"; answer("");

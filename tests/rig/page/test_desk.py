@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rig.page.desk import MOST_WAITING, Bench, Desk
+from rig.page.desk import MOST_WAITING, Asker, Bench, Desk
 from rig.page.history import History
 from rig.page.matrices import Matrices
 from rig.page.started_run import OUTPUT, StartedRun
@@ -21,6 +21,7 @@ from rig.station.live_folder import DEVICES, make_live_folder, replace_json
 
 MATRIX = '[specimen]\nserial_number = "MR-001"\n[matrix]\n'
 DIGEST = "a" * 64
+ADA, BOB, GONE = Asker("Ada", lambda: True), Asker("Bob", lambda: True), Asker("Eve", lambda: False)
 GRAVE = {"slug": "estop", "text": "estop", "resume": "n"}
 
 
@@ -78,7 +79,7 @@ def desk(bench: Bench, tmp_path: Path) -> AnsweringDesk:
 
 
 def asked(desk: Desk, **message: object) -> dict[str, Any]:
-    return asyncio.run(desk.answer(message, "Ada"))
+    return asyncio.run(desk.answer(message, ADA))
 
 
 def planned(desk: Desk, name: str = "m.toml") -> None:
@@ -121,8 +122,8 @@ def test_of_two_browsers_that_start_two_matrices_one_is_refused_in_words(
 
     async def both() -> list[dict[str, Any]]:
         return await asyncio.gather(*(
-            desk.answer({"do": "begin", "matrix": name, "planned": DIGEST, "serial_number": "A"}, by)
-            for name, by in (("m.toml", "Ada"), ("n.toml", "Bob"))
+            desk.answer({"do": "begin", "matrix": name, "planned": DIGEST, "serial_number": "A"}, asker)
+            for name, asker in (("m.toml", ADA), ("n.toml", BOB))
         ))  # fmt: skip
 
     answers = asyncio.run(both())
@@ -152,11 +153,20 @@ def test_hostile_values_of_a_start_are_refused(
 
 def test_requests_are_answered_one_after_the_other_and_a_flood_is_refused(desk: AnsweringDesk) -> None:
     async def many() -> list[dict[str, Any]]:
-        plans = (desk.answer({"do": "plan", "matrix": "m.toml"}, "Ada") for _ in range(MOST_WAITING + 3))
+        plans = (desk.answer({"do": "plan", "matrix": "m.toml"}, ADA) for _ in range(MOST_WAITING + 3))
         return await asyncio.gather(*plans)
 
     answers = [answer.get("refused") for answer in asyncio.run(many())]
     assert (answers.count(None), answers.count("page-busy")) == (MOST_WAITING, 3)
+
+
+def test_a_start_that_waited_until_control_was_lost_starts_nothing(desk: AnsweringDesk, started: Started) -> None:
+    planned(desk)
+    message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "A"}
+    assert asyncio.run(desk.answer(message, GONE))["refused"] == "no-lease"
+    run = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    assert asyncio.run(desk.answer({"do": "resume", "run": run, "confirmed": []}, GONE))["refused"] == "no-lease"
+    assert started.arguments == []
 
 
 def test_a_plan_outside_the_limits_is_not_started(desk: AnsweringDesk, started: Started) -> None:
