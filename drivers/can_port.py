@@ -9,7 +9,7 @@ from drivers import clock
 from drivers.can_library import import_can
 from drivers.connection import CanAddress
 from drivers.errors import LinkLost, PortClosed
-from drivers.port_causes import is_down
+from drivers.port_causes import is_down, reason
 from drivers.stamp_clock import StampClock
 from protocols.slcan import Frame
 
@@ -80,7 +80,7 @@ class CanPort:
                 )
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError, NameError) as error:
             # NameError: python-can's Kvaser interface without its library.
-            raise PortClosed(self.device, self._name, f"cannot be opened: {error}") from error
+            raise PortClosed(self.device, self._name, f"cannot be opened: {reason(error)}") from error
 
     def close(self) -> None:
         """Leave the bus; closing twice is harmless."""

@@ -105,6 +105,12 @@ def error_number(error: BaseException | None) -> int | None:
     return None
 
 
+def reason(error: BaseException) -> str:
+    """The operating system's words once; messages of libraries repeat the port and the system's words around them."""
+    number = error_number(error)
+    return str(error) if number is None or number not in errno.errorcode else os.strerror(number)
+
+
 def _network_fix(address: str, error: BaseException, number: int | None) -> str:
     parts = urlsplit(address)
     host, port = parts.hostname, parts.port

@@ -7,7 +7,6 @@ pyserial, whose own waits 0.3 s at every close; every other URL goes through `se
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import select
 import socket
@@ -17,7 +16,7 @@ import serial
 
 from drivers import clock
 from drivers.errors import LinkLost, PortClosed
-from drivers.port_causes import error_number
+from drivers.port_causes import reason
 
 READ_SIZE = 1 << 16
 OPEN_TIMEOUT_S = 2.0
@@ -80,7 +79,7 @@ class SerialPort:
             else:
                 self._open_serial()
         except (OSError, ValueError) as error:  # serial.SerialException is an OSError
-            raise PortClosed(self.device, self.url, f"cannot be opened: {_reason(error)}") from error
+            raise PortClosed(self.device, self.url, f"cannot be opened: {reason(error)}") from error
         self.discard_input()
 
     def close(self) -> None:
@@ -237,8 +236,3 @@ class SerialPort:
         except BlockingIOError:
             return 0
 
-
-def _reason(error: OSError | ValueError) -> str:
-    """The system's words once; pyserial's own message repeats the port and the system's words around them."""
-    number = error_number(error)
-    return str(error) if number is None or number not in errno.errorcode else os.strerror(number)

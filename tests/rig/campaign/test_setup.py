@@ -115,6 +115,7 @@ def test_two_campaigns_on_one_rig_are_refused_and_two_rigs_are_not(tmp_path: Pat
         with pytest.raises(Refused, match="in use by another campaign") as caught, locked(one):
             pytest.fail("the second lock was given")
     assert caught.value.slug == "two-instances"
+    assert f"process {os.getpid()}: " in str(caught.value)
     with locked(one):
         pass
 
