@@ -55,6 +55,7 @@ class ColumnChoice:
         place: which of the file's columns, from 0.
         unit: of its numbers.
         unit_from: who says so, for people; empty for time stamps.
+        applied: factor or conversion of the file's format that the numbers already contain.
     """
 
     text: str
@@ -63,11 +64,13 @@ class ColumnChoice:
     unit: Unit | None
     unit_name: str
     unit_from: str
+    applied: str = ""
 
     @property
     def description(self) -> str:
-        """For people: name, unit, and who says so."""
-        return f"{self.column} ({f'{self.unit_name}, {self.unit_from}' if self.unit else 'time stamps'})"
+        """For people: name, unit, who says so, and what the file's format has applied."""
+        applied = f", {self.applied} applied" * bool(self.applied)
+        return f"{self.column} ({f'{self.unit_name}, {self.unit_from}{applied}' if self.unit else 'time stamps'})"
 
 
 def check_choices(columns: Mapping[str, str], scales: Mapping[str, str | float]) -> None:
@@ -154,7 +157,8 @@ def _chosen(
             raise ValueError("a factor cannot be applied to time stamps. Fix: remove --scale time")
         return ColumnChoice(text, name, place, None, "", "")
     try:
-        return ColumnChoice(text, name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
+        unit = _scaled_unit(column, given, DIMENSION[quantity], scaling)
+        return ColumnChoice(text, name, place, *unit, column.applied)
     except ValueError as error:
         if quantity != "time":
             raise

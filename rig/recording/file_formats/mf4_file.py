@@ -21,6 +21,8 @@ from rig.units import Unit
 READ_AS = "MDF"
 ALGEBRAIC = 3
 """Kind of a conversion by a formula in text, which is not evaluated."""
+NO_CONVERSION = (None, 0, 65535)
+"""Kinds of a conversion that leave the numbers as they are: of version 4, and of version 3."""
 SYNC_KINDS = {2: "an angle", 3: "a distance", 4: "a count"}
 """ASAM MDF 4, "synchronisation type" of a master channel: 1 is a time."""
 
@@ -37,6 +39,15 @@ def _quiet() -> Iterator[None]:
             yield
     finally:
         logger.disabled = disabled
+
+
+def _applied(conversion: Any) -> str:  # noqa: ANN401 - of a library that mypy does not follow
+    """The conversion from stored numbers that asammdf applies; empty where there is none."""
+    kind = getattr(conversion, "conversion_type", None)
+    factor, offset = getattr(conversion, "a", None), getattr(conversion, "b", None)
+    if isinstance(factor, float) and isinstance(offset, float):
+        return f"conversion {factor:g} x + {offset:g}" if (factor, offset) != (1.0, 0.0) else ""
+    return "conversion of the channel" if kind not in NO_CONVERSION else ""
 
 
 class Mf4File(NoLines):
@@ -99,7 +110,7 @@ class Mf4File(NoLines):
     def _column(self, group: int, index: int) -> TableColumn:
         channel = self._mdf.groups[group].channels[index]
         return TableColumn(str(channel.name), str(self._mdf.get_channel_unit(group=group, index=index) or ""),
-                             f"{group}/{channel.name}")  # fmt: skip
+                             f"{group}/{channel.name}", applied=_applied(channel.conversion))  # fmt: skip
 
     def own_time(self, places: Sequence[int]) -> FloatArray | list[FloatArray]:
         """See `TableFile.own_time`: of the master channels.

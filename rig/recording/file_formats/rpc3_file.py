@@ -87,10 +87,8 @@ class Rpc3File(NoLines):
         self._samples = samples[:, : count - padding]
         self._scales = scales if kind == INTEGERS else [1.0] * channels
         notes = [f"RPC III {keys.get('TIME_TYPE', '')}".strip(), kind, f"{1.0 / self._step_s:g} Hz"]
-        if kind == INTEGERS:
-            notes.append("SCALE applied")
-            if int(full_scale) not in KNOWN_FULL_SCALES:
-                notes.append(f"INT_FULL_SCALE {full_scale:g} not applied (number x SCALE is the value)")
+        if kind == INTEGERS and int(full_scale) not in KNOWN_FULL_SCALES:
+            notes.append(f"INT_FULL_SCALE {full_scale:g} not applied (number x SCALE is the value)")
         if padding:
             notes.append(f"{padding} samples at the end left out (padding: no channel changes)")
         if rest:
@@ -100,6 +98,7 @@ class Rpc3File(NoLines):
             TableColumn(
                 keys.get(f"DESC.CHAN_{k + 1}") or f"Channel {k + 1}",
                 keys.get(f"UNITS.CHAN_{k + 1}", "") if stated[k] or kind == FLOATS else COUNTS,
+                applied=f"SCALE {scales[k]:g}" if stated[k] and kind == INTEGERS else "",
             )
             for k in range(channels)
         ]

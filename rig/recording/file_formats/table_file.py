@@ -41,6 +41,7 @@ class TableColumn:
         full: another name by which it is found: with its unit as a CSV head has it, or with its group.
         unapplied: a property (`gain = 0.05`) that may be the factor of its integers, and is none of the format's own.
         also: a third name by which it is found: by its number, where a matrix names its columns.
+        applied: the factor or conversion of the format that its values already contain.
     """
 
     name: str
@@ -48,6 +49,7 @@ class TableColumn:
     full: str = ""
     unapplied: str = ""
     also: str = ""
+    applied: str = ""
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ class TdmsFile(NoLines):
             self.read_as = f"{READ_AS}, truncated or damaged: {remarks[0]}"
         self.columns: Sequence[TableColumn] = [
             TableColumn(channel.name, _unit(channel.properties), f"{channel.group_name}/{channel.name}",
-                          self._unapplied(channel))
+                          self._unapplied(channel), applied=_applied(channel.properties))
             for channel in self._channels
         ]  # fmt: skip
 
@@ -155,6 +155,17 @@ def _logged() -> Iterator[list[str]]:
 
 def _unit(properties: Any) -> str:  # noqa: ANN401 - of a library without annotations
     return next((str(properties[name]).strip() for name in UNITS if properties.get(name)), "")
+
+
+def _applied(properties: Any) -> str:  # noqa: ANN401 - of a library without annotations
+    """The scales of LabVIEW that npTDMS applies; empty where there are none."""
+    texts = []
+    for k in range(int(properties.get(SCALES, 0))):
+        kind = str(properties.get(f"NI_Scale[{k}]_Scale_Type", ""))
+        slope, offset = (properties.get(f"NI_Scale[{k}]_Linear_{name}") for name in ("Slope", "Y_Intercept"))
+        linear = kind == "Linear" and isinstance(slope, float) and isinstance(offset, float)
+        texts.append(f"{slope:g} x + {offset:g}" if linear else kind)
+    return f"NI_Scale {', '.join(text for text in texts if text)}" if any(texts) else ""
 
 
 def _wave(properties: Any) -> tuple[float, float, str] | None:  # noqa: ANN401 - of a library without annotations

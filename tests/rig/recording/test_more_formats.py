@@ -394,6 +394,7 @@ def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
         with pytest.raises(FileProblem, match=r"truncated|missing"):
             read(tmp_path / "a.rsp", RPC_COLUMNS)
     (tmp_path / "a.rsp").write_bytes(whole + b"12345")
+    assert "force Load (N, the file says, SCALE 0.05 applied)" in read(tmp_path / "a.rsp", RPC_COLUMNS)[0].read_as
     assert "12 samples at the end left out" in (read_as := read(tmp_path / "a.rsp", RPC_COLUMNS)[0].read_as)
     assert "5 bytes after the last sample ignored" in read_as
 
