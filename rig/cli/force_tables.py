@@ -45,7 +45,8 @@ def _blocks(one: ForceTable, shown: Display) -> Blocks:
     ]  # fmt: skip
     rows = list(_rows(one, shown))
     size = "" if stroke else f", stroke {shown.displacement.text(2.0 * one.rows[0].amplitude_m)}"
-    title = f"{shown.force.title('Force')} at {what}, {one.waveform}{size}"
+    signs = "; compression positive" if shown.positive == "compression" else ""
+    title = f"Force at {what}, {one.waveform}{size}{signs}"
     left = len(rows) - MOST_ROWS
     more = [Paragraph(f"... {left} more rows in the report")] if left > 0 else []
     return [table(head, rows[:MOST_ROWS], title=title), *more]

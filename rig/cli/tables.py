@@ -128,7 +128,8 @@ def _causes(items: Sequence[PlannedPoint]) -> Blocks:
 
 def _spans(ids: Sequence[str], order: Sequence[str]) -> str:
     """Some of the points in order, neighbours together: "p001 to p004, p009"; the first ones of many."""
-    places = sorted(order.index(name) for name in ids)
+    place_of = {name: place for place, name in enumerate(order)}
+    places = sorted(place_of[name] for name in ids)
     spans: list[list[int]] = []
     for place in places:
         if spans and place == spans[-1][-1] + 1:

@@ -218,7 +218,7 @@ def test_force_tables_have_a_row_for_each_current_and_velocity_in_the_units_of_t
     us = Display.of({"force": "lbf", "displacement": "in", "speed": "in/s", "positive": "compression"})
     show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), rows)], us), console)
     title, _head, *shown_rows = text.getvalue().splitlines()
-    assert title == "Force, compression positive at peak velocity (PVP), sine"
+    assert title == "Force at peak velocity (PVP), sine; compression positive"
     assert [row.split() for row in shown_rows] == [
         ["0", "10", "2", "200", "-100", "-", "-101.2"], ["1.5", "20", "4", "200", "-100", "-", "-101.2"],
     ]  # fmt: skip
