@@ -287,6 +287,7 @@ th,td {{ padding:1px 4px; white-space:normal; }} td.n,th.n {{ white-space:normal
 .fact {{ padding:3px 8px; min-width:0; }} .fact b {{ font-size:11pt; }} .fact span {{ font-size:7pt; }}
 .card {{ padding:3px 5px; }} .card header b,.card header {{ font-size:7pt; }}
 .cards {{ grid-template-columns:repeat(2,1fr); gap:5px; }} .wide-print {{ grid-template-columns:1fr; }}
+.wide-print svg {{ max-height:50mm; }} .beside svg {{ max-height:66mm; }}
 .charts {{ grid-template-columns:repeat(4,1fr); gap:5px; }}
 .pair {{ grid-template-columns:1fr 1fr; }} dl.data {{ font-size:7pt; padding:2px; gap:0 8px; }}
 pre {{ white-space:pre-wrap; font-size:7pt; }} details::details-content {{ content-visibility:visible; display:block; }}

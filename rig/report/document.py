@@ -153,8 +153,8 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
         for part in (measured.first[:on_first], measured.first[on_first:])
     )
     more: Blocks = []
-    if measured.rest:
-        more = [Paragraph(f"Loops of {len(measured.rest)} further motions are in the appendix.", small=True)]
+    if measured.further:
+        more = [Paragraph(f"Loops of {measured.further} further motions are in the appendix.", small=True)]
     if not measured.first:
         first = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
     return (
@@ -180,7 +180,9 @@ def model_section(of: Material) -> Blocks:
     if fit is None:
         return [Heading("Model"), Paragraph("This run has no fit, so the report shows only measurements.")]
     return [
-        Heading("Model"), Facts(tuple(_errors(fit, of.display))), *fit_warnings(fit),
+        Heading("Model"), Facts(tuple(_errors(fit, of.display))),
+        *([] if of.display.usual else [Paragraph("Parameters are in SI units, positive in rebound.", small=True)]),
+        *fit_warnings(fit),
         *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit, of.display),
         *loops.model_overview(of.views),
         *parameters_over_current(fit),

@@ -50,11 +50,16 @@ def velocity_of(loop: Loop, display: Display) -> FloatArray:
 
 @dataclass(frozen=True)
 class Overlays:
-    """The measured loops of each motion, all currents in one figure: the cards of the first pages, and the rest."""
+    """The measured loops of each motion, all currents in one figure: the cards of the first pages, and the rest.
+
+    A single test of a motion is not among the rest: its own loops are in the appendix. `further` counts the motions that
+    are not on the first pages.
+    """
 
     first: tuple[Card, ...] = ()
     rest: tuple[Card, ...] = ()
     keys: Blocks = field(default_factory=list)
+    further: int = 0
 
 
 def overlays(views: Sequence[PointView]) -> Overlays:
@@ -66,18 +71,20 @@ def overlays(views: Sequence[PointView]) -> Overlays:
     if not drawn:
         return Overlays()
     display, currents = drawn[0].display, _currents(drawn)
+    motions = _grouped(sorted(drawn, key=_speed), lambda view: view.group)
     cards = [
         Card(Strong(motion), (Figures((
             _overlay(group, currents, displacement_axis(display), displacement_of, f"Force vs. displacement, {motion}"),
             _overlay(group, currents, velocity_axis(display), velocity_of, f"Force vs. velocity, {motion}"),
-        ), across=2),)) for motion, group in _grouped(sorted(drawn, key=_speed), lambda view: view.group)
+        ), across=2),)) for motion, group in motions
     ]  # fmt: skip
     places = sorted({round(k * (len(cards) - 1) / max(MOST_ON_PAGES - 1, 1)) for k in range(MOST_ON_PAGES)})
     first = places if len(cards) > MOST_ON_PAGES else range(len(cards))
     keys: Blocks = [Keys(current_keys(currents), "One measured cycle at ")] if len(currents) > 1 else []
     return Overlays(
         tuple(cards[place] for place in first),
-        tuple(card for place, card in enumerate(cards) if place not in first), keys,
+        tuple(card for place, card in enumerate(cards) if place not in first and len(motions[place][1]) > 1), keys,
+        len(cards) - len(first),
     )  # fmt: skip
 
 

@@ -138,6 +138,15 @@ def test_sheets_are_one_page_each_whatever_is_on_them_and_every_page_has_the_mar
     assert "@top-center" in shown
 
 
+def test_an_svg_logo_is_drawn_with_vectors_and_a_png_logo_as_a_picture() -> None:
+    pytest.importorskip("svglib", reason="svglib (extra pdf) is not installed")
+    counts = []
+    for logo in (SVG, png()):
+        (sheet,) = pypdf.PdfReader(io.BytesIO(pdf(Document("t", [Cover("T", (), picture_of(logo))])))).pages
+        counts.append(len(list(sheet.images)))
+    assert counts == [0, 1]
+
+
 def test_a_summary_without_a_pdf_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(tmp_path), "--summary"]) == 2
     assert "add --pdf" in capsys.readouterr().err
