@@ -52,8 +52,8 @@ def velocity_of(loop: Loop, display: Display) -> FloatArray:
 class Overlays:
     """The measured loops of each motion, all currents in one figure: the cards of the first pages, and the rest.
 
-    A single test of a motion is not among the rest: its own loops are in the appendix. `further` counts the motions that
-    are not on the first pages.
+    A single test of a motion is not among the rest: its own loops are in the appendix. `further` counts the motions
+    that are not on the first pages.
     """
 
     first: tuple[Card, ...] = ()
