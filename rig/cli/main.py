@@ -95,6 +95,8 @@ EXIT_CODES = (
 
 MOVING = frozenset({"run", "demo", "hybrid"})
 """Commands after which a rig may have moved."""
+LINUX_ONLY = frozenset({"demo", "check", "run", "page", "simulate", "scenarios", "recover", *RENAMED})
+"""Commands that start the station or the simulated rig, or lock a campaign."""
 PACKAGES = ("drivers", "protocols", "simulators")
 """What lies beside `rig`: names that other projects use, too."""
 
@@ -310,12 +312,28 @@ def conflicting_packages(search: list[str] | None = None) -> str | None:
     return None
 
 
+def needs_linux(arguments: Sequence[str], system: str = os.name) -> str | None:
+    """The message for a command that does not run on this operating system; None if it runs.
+
+    Args:
+        arguments: of the command line, the command first.
+        system: `os.name`; `nt` is Windows.
+    """
+    if system != "nt" or not LINUX_ONLY.intersection(arguments[:1]) or {"-h", "--help"}.intersection(arguments):
+        return None
+    here = ", ".join(name for name in COMMANDS if name not in LINUX_ONLY)
+    return (
+        f"`rig {arguments[0]}` needs Linux. Fix: use WSL2 (see \"Use the software on Windows\" in the how-to guides). "
+        f"These commands also run on Windows: {here}"
+    )
+
+
 def run() -> None:
     """Console entry: `rig ...`."""
     open_standard_streams()
     # Our matrices are small: a second thread of the library waits for them busily, beside a rig that has to be watched.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if problem := conflicting_packages():
+    if problem := conflicting_packages() or needs_linux(sys.argv[1:]):
         take_every_character()
         say(f"rig: {problem}", err=True)
         sys.exit(EXIT_USAGE)

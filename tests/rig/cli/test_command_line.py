@@ -16,7 +16,7 @@ import pytest
 from in_process import rig, rig_process
 
 from rig import __version__, version
-from rig.cli.main import COMMANDS, answered, conflicting_packages, main
+from rig.cli.main import COMMANDS, answered, conflicting_packages, main, needs_linux
 from rig.cli.main import _present_spelling as present_spelling
 from rig.errors import EXIT_DEFECT
 
@@ -325,3 +325,14 @@ def test_a_package_of_an_extra_that_is_not_installed_is_named_with_its_command(
     columns = [text for name in ("time", "force", "displacement") for text in ("--column", f"{name}={name}")]
     assert main(["import", str(tmp_path / "t.csv"), *columns, "--current", "0 A", "--out", str(tmp_path)]) == 2
     assert "pip install 'mr-damper-rig[tables]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("arguments", "refused"), [
+    (["run", "m.toml"], True), (["sniff", "COM3"], True), (["run", "--help"], False), (["import", "t.csv"], False),
+    ([], False),
+])
+def test_on_windows_commands_that_need_linux_name_the_way_out(arguments: list[str], refused: bool) -> None:
+    text = needs_linux(arguments, "nt")
+    assert (text is not None) is refused
+    assert text is None or ("WSL2" in text and "identify" in text)
+    assert needs_linux(arguments, "posix") is None
