@@ -82,13 +82,13 @@ function lamps() {
   }
 }
 function ages() {
-  const live = connected() && state.running;
+  const live = connected() && state.running && !state.ended && state.phase !== "ended";
   for (const item of document.querySelectorAll("#lamps li")) {
     const channel = Number(item.dataset.channel), last = channel < 0 ? (state.host_ns || 0) * 1e-9 : series.has(channel) ? series.get(channel).last_t : 0;
     const known = last > 0 && host_now > 0, age = Math.max(0, now_s() - last), over = age > allowed_s(Number(item.dataset.stale));
     const kind = !known || !live ? "" : over ? "bad" : "good";
     if (item.className !== kind) { item.className = kind; item.children[0].textContent = kind === "good" ? "✓" : kind === "bad" ? "✗" : "·"; }
-    const text = !live ? (state.running ? "unknown" : "ended") : !known ? "no data yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
+    const text = !live ? (state.running && !state.ended && state.phase !== "ended" ? "unknown" : "ended") : !known ? "no data yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
     if (item.children[2].textContent !== text) item.children[2].textContent = text;
   }
 }
