@@ -224,7 +224,8 @@ def _with_stated(file: Path, opened: TableFile, settings: ImportSettings) -> Imp
         raise FileProblem(str(file), error.problems) from error
     if settings.rate_Hz is not None:
         stated.pop("time", None)
-    return replace(settings, columns=stated)
+    # Part of them would be of no use: a user who then names the others has to name all.
+    return replace(settings, columns=stated) if {*REQUIRED} <= stated.keys() else settings
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ class ImportPreset:
         if given.get("current_A") is not None:
             dropped["current_from_name"] = None
         merged = replace(settings, **{
-            "current_A": None, **dropped, **stated, "columns": {**kept, **columns},
+            "current_A": None, "described": {}, **dropped, **stated, "columns": {**kept, **columns},
             "scales": {**scales, **(given.get("scales") or {})}, "dialect": replace(settings.dialect, **dialect),
         })  # fmt: skip
         known = {"current", "commanded_current", "voltage"} & merged.columns.keys()
