@@ -19,6 +19,7 @@ from rig.recording.external_tests import ImportedTest, ImportSettings, read_test
 from rig.recording.file_formats.columns import choose
 from rig.recording.file_formats.named_columns import named_quantity
 from rig.recording.file_formats.table_file import TableColumn
+from rig.recording.hdf5.reading import VERDICTS
 from rig.recording.importing import Described, points_of
 from rig.recording.load_options import OPTIONS, LoadKeywords, LoadOptions
 from rig.recording.recorded_point import RecordedPoint
@@ -302,9 +303,10 @@ def _points_of_test(test: ImportedTest, options: LoadOptions) -> list[RecordedPo
     skew_std_s = _number(stated.get("skew_std_s"))
     if skew_std_s is not None:
         point = replace(point, skew_std_s=skew_std_s)
-    verdict = stated.get("verdict", "valid")
-    if verdict in {"suspect", "invalid"} and point.verdict != "invalid":
-        point = replace(point, verdict=verdict, reasons=(*point.reasons, f"exported as {verdict}"))
+    verdict = stated.get("verdict")
+    if verdict in VERDICTS:  # by the checks of the recording, which saw more than the export states
+        reasons = () if verdict == "valid" else (*point.reasons, f"exported as {verdict}")
+        point = replace(point, verdict=verdict, reasons=reasons)
     return [point]
 
 

@@ -62,23 +62,44 @@ def parts_of(test: ImportedTest, waveform: str) -> list[TestPart]:
         test: the record.
         waveform: `random` for motion without cycles, which is never parted.
     """
+    test, begin_s = _between_numbers(test)
     record_s = float(test.time_s[-1] - test.time_s[0])
     if waveform == RANDOM:
-        return [TestPart(test, 0, 1, 0.0, Motions((), 0.0), record_s, whole=True)]
+        return [TestPart(test, 0, 1, begin_s, Motions((), 0.0), record_s, whole=True)]
     current_A, tolerance_A = _current(test)
     motions = motions_of(test.time_s, test.displacement_m, current_A, current_tolerance_A=tolerance_A)
     steady = motions.steady
     if len(steady) < 2:
-        return [TestPart(test, 0, 1, 0.0, motions, record_s)]
+        return [TestPart(test, 0, 1, begin_s, motions, record_s)]
     parts = []
     for number, motion in enumerate(steady, 1):
-        begin_s, end_s = motion.stretch_s
-        first, last = np.searchsorted(test.time_s, [begin_s, end_s]).tolist()
+        first, last = np.searchsorted(test.time_s, motion.stretch_s).tolist()
         others = "; ".join(_described(other) for other in steady if other is not motion)
         parts.append(TestPart(
-            _rows(test, slice(first, last)), number, len(steady), float(test.time_s[first]), motions, record_s, others
+            _rows(test, slice(first, last)), number, len(steady), begin_s + float(test.time_s[first]), motions,
+            record_s, others,
         ))
     return parts
+
+
+def between_numbers(displacement_m: FloatArray, force_N: FloatArray) -> slice:
+    """The rows from the first to the last one with a displacement and a force.
+
+    In recordings of this program the sensors begin and end at different times. A single row at either end may be a
+    number that was cut off: it stays, as a missing value.
+    """
+    known = np.flatnonzero(np.isfinite(displacement_m) & np.isfinite(force_N))
+    count = len(displacement_m)
+    first, last = (int(known[0]), int(known[-1]) + 1) if len(known) else (0, count)
+    return slice(0, count) if first <= 1 and last >= count - 1 else slice(first, last)
+
+
+def _between_numbers(test: ImportedTest) -> tuple[ImportedTest, float]:
+    """A test without rows before the first and after the last force, and where it begins in the record (s)."""
+    rows = between_numbers(test.displacement_m, test.force_N)
+    if rows == slice(0, len(test.time_s)):
+        return test, 0.0
+    return replace(_rows(test, rows), nominal_current_A=test.nominal_current_A), float(test.time_s[rows.start])
 
 
 def check_one_motion(

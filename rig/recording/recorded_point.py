@@ -150,11 +150,12 @@ class RecordedPoint(TestPoint):
                 a test of each). A record without a whole cycle is an invalid test (`too-few-cycles`).
         """
         from rig.recording.imported_quality import TestSamples, assess  # loads h5py
-        from rig.recording.motion_parts import check_one_motion  # loads h5py
+        from rig.recording.motion_parts import between_numbers, check_one_motion  # loads h5py
         from rig.recording.table_columns import check_current, table_channels  # loads h5py
         check_current(current_A, id)
         channels, times = table_channels(table, id, units, accept)
-        arrays = dict(channels)
+        rows = between_numbers(channels["displacement"], channels["force"])
+        arrays = {name: values[rows] for name, values in channels.items()}
         time_s, displacement_m = arrays["time"], arrays["displacement"]
         measured = "current" in arrays
         arrays.setdefault(

@@ -141,6 +141,17 @@ def test_our_own_exports_are_read_back_with_the_same_fit(form: str, run: rig.Run
     assert found.params.value == pytest.approx(fit.params.value, rel=1e-6, nan_ok=True)
 
 
+def test_a_recording_whose_sensors_begin_apart_is_read_back_as_it_was_judged(run: rig.Run, tmp_path: Path) -> None:
+    late = {name: values.copy() for name, values in (run[2].arrays or {}).items()}
+    late["force"][:20], late["force"][300:303] = np.nan, np.nan
+    recorded = replace(run[2], arrays=late, imported=False)
+    export(replace(run, points=(recorded,)), "csv", tmp_path / "listed")
+    again = rig.load(tmp_path / "listed")[0]
+    assert (again.verdict, again.samples) == ("valid", run[2].samples - 20)
+    late["force"][300:303] = 0.0
+    assert rig.load(replace(run[2], arrays=late).to_pandas())[0].verdict == "valid"
+
+
 def test_a_triangle_stays_one_through_an_export(tmp_path: Path) -> None:
     t = np.arange(0.0, 11.0, 0.004)
     u = 0.02 * (2.0 / np.pi) * np.arcsin(np.sin(np.pi * t))
