@@ -291,11 +291,17 @@ def unit_of(model: DamperModel, folder: Path) -> Path:
     return file
 
 
-def test_fmpy_finds_no_fault_and_the_unit_holds_its_sources(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """That of the asymmetric model."""
+    return unit_of(ASYMMETRIC, tmp_path_factory.mktemp("unit"))
+
+
+def test_fmpy_finds_no_fault_and_the_unit_holds_its_sources(unit: Path, tmp_path: Path) -> None:
     from fmpy import read_model_description
     from fmpy.validation import validate_fmu
 
-    file = unit_of(ASYMMETRIC, tmp_path)
+    file = unit
     assert file.name == "damper_asymmetric.fmu"
     assert validate_fmu(str(file)) == []
     description = read_model_description(str(file))
@@ -326,40 +332,41 @@ def test_a_simulation_gives_the_force_of_the_inputs_at_the_beginning_of_each_ste
     as_close_as_required(model, np.asarray(result["force"][1 : len(t) + 1]), expected(model))
 
 
-def test_read_after_setting_the_inputs_the_force_is_theirs_and_a_state_can_be_taken_back(tmp_path: Path) -> None:
+def test_read_after_setting_the_inputs_the_force_is_theirs_and_a_state_can_be_taken_back(
+    unit: Path, tmp_path: Path
+) -> None:
     from fmpy import extract, read_model_description
     from fmpy.fmi2 import FMU2Slave
 
-    file = unit_of(ASYMMETRIC, tmp_path)
-    description = read_model_description(str(file))
+    description = read_model_description(str(unit))
     place = {one.name: one.valueReference for one in description.modelVariables}
-    unit = FMU2Slave(guid=description.guid, unzipDirectory=extract(str(file), str(tmp_path / "unit")),
-                     modelIdentifier="damper_asymmetric", instanceName="one")  # fmt: skip
-    unit.instantiate()
-    unit.setupExperiment(startTime=0.0)
-    unit.enterInitializationMode()
-    unit.exitInitializationMode()
+    slave = FMU2Slave(guid=description.guid, unzipDirectory=extract(str(unit), str(tmp_path / "unit")),
+                      modelIdentifier="damper_asymmetric", instanceName="one")  # fmt: skip
+    slave.instantiate()
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
     forces = []
     for k, sample in enumerate(zip(*motion(), strict=True)):
-        unit.setReal([place[name] for name in INPUTS], [9.0, 9.0, 9.0, 9.0])  # tried, and read, and set again
-        unit.getReal([place["force"]])
-        unit.setReal([place[name] for name in INPUTS], list(sample))
-        forces.append(unit.getReal([place["force"]])[0])
+        slave.setReal([place[name] for name in INPUTS], [9.0, 9.0, 9.0, 9.0])  # tried, and read, and set again
+        slave.getReal([place["force"]])
+        slave.setReal([place[name] for name in INPUTS], list(sample))
+        forces.append(slave.getReal([place["force"]])[0])
         if k == 100:
-            state = unit.getFMUState()
+            state = slave.getFMUState()
             for size in (DT_S, 3.0 * DT_S):
-                unit.doStep(k * DT_S, size)
-            unit.setFMUState(state)
-            unit.freeFMUState(state)
-        unit.doStep(k * DT_S, DT_S)
-    unit.terminate()
-    unit.freeInstance()
+                slave.doStep(k * DT_S, size)
+            slave.setFMUState(state)
+            slave.freeFMUState(state)
+        slave.doStep(k * DT_S, DT_S)
+    slave.terminate()
+    slave.freeInstance()
     as_close_as_required(ASYMMETRIC, np.array(forces), expected(ASYMMETRIC))
 
 
-def test_the_sources_compile_without_a_warning(tmp_path: Path) -> None:
+def test_the_sources_compile_without_a_warning(unit: Path, tmp_path: Path) -> None:
     compiler = tool("gcc", "C compiler")
-    zipfile.ZipFile(unit_of(ASYMMETRIC, tmp_path)).extractall(tmp_path / "unit")
+    zipfile.ZipFile(unit).extractall(tmp_path / "unit")
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
     subprocess.run([compiler, *strict, "fmu.c"], cwd=tmp_path / "unit/sources", check=True, timeout=60)
 
@@ -392,17 +399,19 @@ int main(int argc, char **argv) {
 """
 
 
-def windows_library(folder: Path) -> tuple[Path, str]:
+def windows_library(unit: Path, folder: Path) -> tuple[Path, str]:
     """The library for Windows in a unit, and the unit's GUID; skipped where there is no cross compiler."""
     if shutil.which(CROSS) is None:
         pytest.skip(f"{CROSS} (mingw-w64) is not installed")
-    zipfile.ZipFile(unit_of(ASYMMETRIC, folder)).extractall(folder / "unit")
+    zipfile.ZipFile(unit).extractall(folder / "unit")
     guid = (folder / "unit/modelDescription.xml").read_text().split('guid="')[1].split('"')[0]
     return folder / "unit/binaries/win64/damper_asymmetric.dll", guid
 
 
-def test_the_library_for_windows_has_the_functions_of_that_for_linux_and_needs_only_the_system(tmp_path: Path) -> None:
-    library, _ = windows_library(tmp_path)
+def test_the_library_for_windows_has_the_functions_of_that_for_linux_and_needs_only_the_system(
+    unit: Path, tmp_path: Path
+) -> None:
+    library, _ = windows_library(unit, tmp_path)
     dump = subprocess.run(
         [tool("x86_64-w64-mingw32-objdump", "binutils"), "-p", library], capture_output=True, text=True, check=True
     ).stdout
@@ -417,8 +426,8 @@ def test_the_library_for_windows_has_the_functions_of_that_for_linux_and_needs_o
 
 
 @pytest.mark.nightly
-def test_the_library_for_windows_gives_the_force_under_wine(tmp_path: Path) -> None:
-    library, guid = windows_library(tmp_path)
+def test_the_library_for_windows_gives_the_force_under_wine(unit: Path, tmp_path: Path) -> None:
+    library, guid = windows_library(unit, tmp_path)
     wine = shutil.which("wine64") or shutil.which("wine") or "/usr/lib/wine/wine64"
     if not Path(wine).is_file():
         pytest.skip("wine is not installed")
