@@ -24,7 +24,7 @@ function take(message) {
   if (going && bench.running && state.running && !state.ended) { location.assign(with_token("/run")); return; }
   if (going && !busy() && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) {
     going = false;
-    if (bench.outcome.refused === "plan-changed" && plan) ask_plan(plan.matrix); // planned anew; the banner states why
+    if (bench.outcome.refused === "plan-changed" && plan) ask_again(); // planned anew; the banner states why
   }
   judge();
 }
@@ -115,6 +115,8 @@ function remember() { // the matrix of before, after a run or a reload
   const name = sessionStorage.getItem("rig-bench-matrix");
   if (standing.role === "operator" && !busy() && bench.matrices.some((one) => one.name === name && !one.remark)) ask_plan(name);
 }
+let typed = null; // the serial number of a start that was refused because the plan had changed
+function ask_again() { typed = by_id("serial").value; ask_plan(plan.matrix); }
 function ask_plan(name) {
   if (planning === name) return;
   asked = null; plan = null; planning = name; by_id("resume").hidden = true; by_id("begin").hidden = true;
@@ -130,10 +132,15 @@ function show_plan(message) {
     by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "There is no plan of this matrix:";
     by_id("plan").replaceChildren(...words_of(message).split("\n").map((line) => element("p", line, "poor"))); show_matrices(); return;
   }
-  plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false; by_id("serial").value = message.serial_number;
+  plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false; enter_serial(message.serial_number);
   by_id("plan-head").textContent = `2. Plan of ${message.matrix}`;
   by_id("plan").replaceChildren(...message.blocks.filter((block) => block.text !== "").map(show_block)); by_id("plan").scrollTop = 0;
   show_matrices();
+}
+function enter_serial(proposed) { // never that of a specimen that was tested before: the next one would be recorded under its name
+  const tested = runs.some((run) => run.specimen === proposed && run.recorded);
+  by_id("serial").value = typed !== null ? typed : tested ? "" : proposed;
+  by_id("serial").placeholder = tested ? `tested: ${proposed}` : ""; typed = null;
 }
 function show_block(block) {
   if (block.kind !== "table") return element("p", block.text, block.kind === "note" ? block.level : "");
@@ -195,8 +202,8 @@ function answered(message) {
   if (message.do === "stop") stop_answered(message);
   if (message.do === "plan") { show_plan(message); return; }
   if (message.do === "questions" && message.ok) { answer(""); show_questions(message); return; }
-  if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
-  if (message.do === "begin" && ["plan-changed", "not-planned"].includes(message.refused) && plan) ask_plan(plan.matrix);
+  if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; bench.starting = true; bench.outcome = {}; answer(""); if (asked) cancel(); return; }
+  if (message.do === "begin" && message.refused === "not-planned" && plan) ask_again();
   answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");
 }
 
