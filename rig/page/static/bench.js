@@ -21,7 +21,7 @@ function take(message) {
   else if (message.type === "standing") { standing = message; show_standing(); show_history(); if (bench.matrices) show_matrices(); }
   else if (message.type === "answer") answered(message);
   remember();
-  if (going && bench.running && state.running && !state.ended) { location.assign(with_token("/run")); return; }
+  if (going && bench.running && state.running && !state.ended) { going = false; location.assign(with_token("/run")); return; }
   if (going && !busy() && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) {
     going = false;
     if (bench.outcome.refused === "plan-changed" && plan) ask_again(); // planned anew; the banner states why
