@@ -12,7 +12,6 @@ from rig.cli.main import cli
     ("words", "begun", "offered"),
     [
         ([], "co", {"compare"}),
-        (["report"], "--", {"--pdf", "--json"}),
         (["schema"], "b", {"bench", "bands"}),
         (["compare"], "--b", {"--bands"}),
     ],
