@@ -237,10 +237,12 @@ def _processes(system: System) -> Iterator[Path]:
 
 
 def command_line(process: int, system: System = SYSTEM) -> str:
-    """The command of a process as typed, up to 80 characters; `unknown` if this user cannot see it."""
-    words = _text(system.proc / str(process) / "cmdline").split("\0")
-    text = " ".join(word for word in words if word)
-    return "".join(sign if sign.isprintable() else "?" for sign in text)[:80] or "unknown"
+    """The command of a process as typed, up to 120 characters; `unknown` if this user cannot see it."""
+    words = [word for word in _text(system.proc / str(process) / "cmdline").split("\0") if word]
+    if len(words) > 1 and os.path.basename(words[0]).startswith("python"):
+        words = words[1:]
+    text = " ".join([os.path.basename(word) for word in words[:1]] + words[1:])
+    return "".join(sign if sign.isprintable() else "?" for sign in text)[:120] or "unknown"
 
 
 def _can_fix(interface: str, channel: str, number: int | None, system: System) -> str:
