@@ -160,10 +160,10 @@ class Plot {
   }
   get scaled() { // what brings SI values to the canvas
     const { left, top, width, height } = this.plot.bbox, { x, y } = this.shown_range(), { quantities } = this.options;
-    return {
-      px: (value) => left + width * (shown(quantities[0], value) - x[0]) / (x[1] - x[0]),
-      py: (value) => top + height * (y[1] - shown(quantities[1], value)) / (y[1] - y[0]),
-    };
+    const across = width / (x[1] - x[0]), up = height / (y[1] - y[0]), at_x = shown(quantities[0], 0), at_y = shown(quantities[1], 0);
+    const by_x = across * (shown(quantities[0], 1) - at_x), by_y = up * (shown(quantities[1], 1) - at_y); // straight lines: some 100,000 values per frame
+    const from_x = left + across * (at_x - x[0]), from_y = top + up * (y[1] - at_y);
+    return { px: (value) => from_x + by_x * value, py: (value) => from_y - by_y * value };
   }
   path(plot, index) {
     const stroke = new Path2D(), [xs, ys] = this.lines[index], { px, py } = this.scaled, { path } = this.options.lines[index];

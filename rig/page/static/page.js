@@ -165,7 +165,7 @@ function refresh_selected() { // a point that was repeated has another file
 }
 function show_first() { // at the end: the point that was stopped, else the first one
   const stopped = state.ended && Boolean(state.ended.stopped_by || state.ended.cut_off);
-  if (!state.ended || state.running || shown_at_end || (!stopped && selected.some(Boolean))) return;
+  if (!state.ended || shown_at_end || (!stopped && selected.some(Boolean))) return;
   const files = Object.keys(results).filter((id) => results[id].file), first = stopped ? files[files.length - 1] : files[0];
   if (!first) return;
   shown_at_end = true;
