@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import os
@@ -318,14 +319,15 @@ def test_a_defect_ends_in_one_line_and_a_file(capsys: pytest.CaptureFixture[str]
 
 
 def test_a_package_of_an_extra_that_is_not_installed_is_named_with_its_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rows = "".join(f"0.{k:03},{k},{k}\n" for k in range(300))
-    (tmp_path / "t.csv").write_text(f"time [s],force [N],displacement [mm]\n{rows}")
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    columns = [text for name in ("time", "force", "displacement") for text in ("--column", f"{name}={name}")]
-    assert main(["import", str(tmp_path / "t.csv"), *columns, "--current", "0 A", "--out", str(tmp_path)]) == 2
-    assert "pip install 'mr-damper-rig[tables]'" in capsys.readouterr().err
+    @click.command()
+    def export() -> None:
+        importlib.import_module("pyarrow")
+
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert answered(export, [], "export") == 2
+    assert "pip install 'mr-damper-rig[files]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("arguments", "refused"), [
