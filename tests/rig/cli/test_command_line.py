@@ -17,7 +17,7 @@ import pytest
 from in_process import rig, rig_process
 
 from rig import __version__, version
-from rig.cli.main import COMMANDS, answered, conflicting_packages, main, needs_linux
+from rig.cli.main import COMMANDS, answered, conflicting_packages, needs_linux
 from rig.cli.main import _present_spelling as present_spelling
 from rig.errors import EXIT_DEFECT
 
