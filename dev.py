@@ -98,10 +98,10 @@ def install(*extras: str) -> None:
     elif set(extras) <= set(present):
         return
     if not (VENV / "pyvenv.cfg").exists():
-        progress("making .venv")
+        progress("creating .venv")
         started = time.monotonic()
         venv.create(VENV, with_pip=True)
-        progress(f"made .venv, {time.monotonic() - started:.0f} s", end="\n")
+        progress(f"created .venv in {time.monotonic() - started:.0f} s", end="\n")
     requested = [extra for extra in extras if extra != "peers"]
     if code := pip("-e", f".[{','.join(requested)}]" if requested else "."):
         sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
@@ -195,7 +195,7 @@ def release(arguments: list[str]) -> int:
     """
     out = Path(arguments[1]).resolve() if arguments[:1] == ["--out"] and len(arguments) == 2 else ROOT / "dist"
     if arguments and out == ROOT / "dist":
-        print("dev.py: expected release [--out DIR]")
+        print("dev.py: usage: release [--out DIR]")
         return 2
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
@@ -205,7 +205,7 @@ def release(arguments: list[str]) -> int:
         (wheel,), (sdist,) = built.glob("*.whl"), built.glob("*.tar.gz")
         environment, empty = place / "environment", place / "empty"
         empty.mkdir()
-        progress(f"trying {wheel.name} in an empty environment", end="\n")
+        progress(f"testing {wheel.name} in an empty environment", end="\n")
         venv.create(environment, with_pip=True)
         scripts = environment / BIN.name
         python, rig = str(scripts / Path(program("python")).name), str(scripts / Path(program("rig")).name)

@@ -123,8 +123,8 @@ def _network_fix(address: str, error: BaseException, number: int | None) -> str:
         )
     if number in {errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL}:
         return (
-            f"this computer has no route to {host}: check the network cable, and give this computer an address in the "
-            "network of the device (`ip address`)"
+            f"this computer has no route to {host}: check the network cable, and assign this computer an address in "
+            "the device's network (`ip address`)"
         )
     if number in {errno.EACCES, errno.EPERM}:
         return f"a firewall on this computer blocks the connection to {host}, port {port}"
@@ -141,7 +141,7 @@ def _serial_fix(port: str, number: int | None, system: System) -> str:
         return "write a port such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT"
     other = _other_system(port)
     if other:
-        return f"{port} is a port name of {other}. {_attached(port, system)}"
+        return f"{port} is a {other} port name. {_attached(port, system)}"
     if number in {errno.EACCES, errno.EPERM}:
         return _permission_fix(port)
     if number in {errno.EBUSY, errno.EAGAIN}:
@@ -168,7 +168,7 @@ def _attached(port: str, system: System) -> str:
 
     ports = sorted(comports())
     names = [one.device + f" ({one.description})" * (one.description not in {"n/a", None}) for one in ports]
-    texts = [f"Plugged in now: {', '.join(names[:MOST_SHOWN])}" if names else "No serial port is plugged in now"]
+    texts = [f"Available ports: {', '.join(names[:MOST_SHOWN])}" if names else "No serial ports found"]
     near = near_names(port, [one.device for one in ports if one.device != port], cutoff=SAME_STEM)
     if near:
         texts[0] += f"; did you mean {near[0]}?"
@@ -251,13 +251,13 @@ def _can_fix(interface: str, channel: str, number: int | None, system: System) -
         source = f"install {library}, the library of the adapter's maker" if library else "install its driver"
         return f"python-can cannot open the interface {interface}: {source}, and check that the adapter is plugged in"
     if number == errno.EAFNOSUPPORT:
-        wsl = " (the kernel of WSL has no CAN: use an adapter with slcan, or build the kernel with CAN)" * system.is_wsl
+        wsl = " (the WSL kernel does not support CAN: use an slcan adapter, or build a kernel with CAN)" * system.is_wsl
         return f"this kernel does not support CAN: sudo modprobe can_raw{wsl}"
     if number == errno.ENODEV:
         names = can_interfaces(system)
-        shown = f"CAN interfaces now: {', '.join(names)}" if names else "there is no CAN interface now"
+        shown = f"available CAN interfaces: {', '.join(names)}" if names else "no CAN interfaces found"
         adapters = "".join(f". {text}" for text in driverless(system))
-        return f"there is no interface {channel}; {shown}: plug in the adapter, or correct `channel`{adapters}"
+        return f"there is no interface {channel} ({shown}): plug in the adapter, or correct `channel`{adapters}"
     if number in {errno.EACCES, errno.EPERM}:
         return f"you do not have permission to use the CAN interface {channel}: ask the administrator"
     return ""

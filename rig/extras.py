@@ -23,4 +23,4 @@ def missing_package(error: ModuleNotFoundError) -> str:
     """The message for a package that is not installed; empty if it is part of the basic installation."""
     package = (error.name or "").partition(".")[0]
     extra = EXTRA_OF.get(package)
-    return f"this needs the package {package}, which is not installed. Fix: {how_to_install(extra)}" if extra else ""
+    return f"the required package {package} is not installed. Fix: {how_to_install(extra)}" if extra else ""

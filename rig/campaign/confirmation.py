@@ -159,7 +159,7 @@ def confirm_all(stops: Iterable[EarlierStop], confirmed: frozenset[str] | None) 
         listed = "\n".join(others)
         raise Refused(
             "stops-changed",
-            f"this campaign was also stopped for a reason that was not confirmed:\n{listed}\nNothing was connected. "
+            f"this campaign was also stopped for a reason that was not confirmed:\n{listed}\nNo device was connected. "
             "Fix: read the questions again, check the cause, then resume",
         )
 

@@ -258,8 +258,8 @@ def same_plan(planned: str, digest: str) -> None:
     if planned != digest:
         raise Refused(
             "plan-changed",
-            "the matrix file or the bench file was changed after it was planned; no motion was started. Fix: read the "
-            "new plan, then start it",
+            "the matrix file or the bench file was changed after the campaign was planned; no motion was started. "
+            "Fix: read the new plan, then start the campaign",
         )
 
 

@@ -29,16 +29,17 @@ def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blo
     lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
     if fit.next_tests:
         count = "1 further test" if len(fit.next_tests) == 1 else f"{len(fit.next_tests)} further tests"
-        lines.append(Paragraph(f"{count} would improve the fit: the report has their lines for the matrix file."))
+        lines.append(Paragraph(f"{count} would improve the fit; the report contains the lines to add to the matrix "
+            "file."))
     return [_parameters(fit, truth), *lines]
 
 
 def fit_error(fit: FitRecord) -> str:
     """Model and error of a fit, in one line."""
-    unseen = "" if fit.holdout is None else f", {number(fit.holdout.nrmse_percent_of_peak, 3)} % on validation tests"
+    unseen = "" if fit.holdout is None else f", {number(fit.holdout.nrmse_percent_of_peak, 3)} % for validation tests"
     tests = len(fit.error.per_test)
     of = "1 test" if tests == 1 else f"{tests} tests"
-    return f"Fit: {fit.model}, error {_measures(fit.error)} over {of}{unseen}"
+    return f"Fit: {fit.model}, error {_measures(fit.error)} for {of}{unseen}"
 
 
 def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blocks:

@@ -96,9 +96,9 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--like", "like", type=RunPath(), metavar="RUN",
-    help="Imported run whose options are used again (columns, units, scales, layout), except for --current and "
-    "--specimen; options given here take precedence. Differences between the files are shown; a file is rejected if "
-    "its units or factors contradict the options.",
+    help="Reuse the options of this imported run (columns, units, scales, layout), except --current and --specimen. "
+        "Options given here take precedence. Differences between the files are shown. A file is rejected if its units "
+        "or factors contradict the options.",
 )
 @click.option(
     "--scale", "scales", multiple=True, callback=_pairs, metavar="QUANTITY=FACTOR",

@@ -179,7 +179,7 @@ junit_option = click.option(
 
 
 def _not_ended() -> Case:
-    return Case(UNFINISHED, Outcome.ERROR, UNFINISHED, "the command has not ended, or was killed")
+    return Case(UNFINISHED, Outcome.ERROR, UNFINISHED, "the command is still running or was killed")
 
 
 def _ended_by(error: BaseException) -> Case:

@@ -24,8 +24,8 @@ from rig.text_file import read_json
 @click.option("--summary", is_flag=True, help="With --pdf: write only the first two pages (verdict, forces, loops, "
                                               "conditions, signatures).")
 @click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
-              help="TOML file with a [report] table (title, customer, logo, ...), used instead of that of the matrix "
-                   "file.")
+              help="TOML file with a [report] table (title, customer, logo, ...), used instead of the table in the "
+                  "matrix file.")
 @json_option
 def command(run: Path, on_paper: bool, summary: bool, details: Path | None, as_json: bool) -> int:
     """Write report.html for RUN (a campaign folder) as one self-contained file."""

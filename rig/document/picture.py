@@ -52,7 +52,8 @@ def picture_of(content: bytes) -> Picture:
         ValueError: the content is neither a PNG nor a self-contained SVG, or it is too large.
     """
     if len(content) > MOST_BYTES:
-        raise ValueError(f"the picture has {len(content)} bytes; allowed: at most {MOST_BYTES}. Fix: save it smaller")
+        raise ValueError(f"the picture has {len(content)} bytes; allowed: at most {MOST_BYTES}. Fix: reduce the size "
+            "of the picture")
     if content.startswith(PNG):
         return Picture(content, "png", _checked_png(content))
     if b"<svg" in content[:4096].lower() or b"<?xml" in content[:64]:
@@ -143,7 +144,7 @@ def _check_element(element: ElementTree.Element) -> None:
         if own.startswith("on"):
             raise ValueError(f"the SVG contains the script attribute {own}. Fix: save it as plain SVG")
         if own == "href" and not value.startswith("#"):
-            raise ValueError(f"the SVG refers to {value[:60]!r}. Fix: embed or convert everything to paths")
+            raise ValueError(f"the SVG refers to {value[:60]!r}. Fix: embed this content, or convert it to paths")
         _check_style(value)
     if name == "style":
         _check_style(element.text or "")
@@ -153,7 +154,7 @@ def _check_style(text: str) -> None:
     loose = "".join(re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).split())
     outside = re.sub(OWN_REFERENCE, "", loose)
     if "url(" in outside.lower() or "@import" in loose.lower() or "\\" in loose:
-        raise ValueError("a style of the SVG refers to another file. Fix: save it as plain SVG")
+        raise ValueError("a style in the SVG refers to another file. Fix: save it as plain SVG")
 
 
 def _local(tag: object) -> str:
@@ -177,7 +178,8 @@ def _ratio(root: ElementTree.Element) -> float:
         matches = [LENGTH.match(root.get(name, "")) for name in ("width", "height")]
         sides = [float(match[1]) for match in matches if match]
     if len(sides) != 2 or not all(math.isfinite(side) and side > 0.0 for side in sides):
-        raise ValueError("the SVG states no size. Fix: save it with a viewBox or with width and height")
+        raise ValueError("the SVG does not state its size. Fix: save it with a viewBox or with width and height")
     if not 0.02 <= sides[0] / sides[1] <= 50.0:
-        raise ValueError(f"the SVG is {sides[0]:g} x {sides[1]:g}; allowed: at most 50 times as wide as high")
+        raise ValueError(f"the SVG is {sides[0]:g} x {sides[1]:g}; the longer side may be at most 50 times the "
+            "shorter side")
     return sides[0] / sides[1]

@@ -55,7 +55,7 @@ class Source:
         if isinstance(source, str | os.PathLike):
             return cls(Path(source))
         raise FileProblem("export", [
-            f"got {type(source).__name__}, expected a run or a fit: a value, or the path of its folder or file"
+            f"got {type(source).__name__}, expected a run or a fit (the object, or the path of its folder or file)"
         ])  # fmt: skip
 
     @cached_property

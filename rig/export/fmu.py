@@ -158,8 +158,8 @@ def _libraries(place: Path, source: str, name: str) -> dict[str, bytes]:
     else:
         held = ", ".join(path.split("/")[1] for path in libraries) or "the sources"
         warnings.warn(
-            f"fmi: the FMU contains {held} only: Windows (win64) requires a cross compiler. Fix: {INSTALL_CROSS}, "
-            "and export again", DataWarning, stacklevel=2,
+            f"fmi: the FMU contains only {held}; a library for Windows (win64) requires a cross compiler. Fix: "
+            f"{INSTALL_CROSS}, then export again", DataWarning, stacklevel=2,
         )  # fmt: skip
     return libraries
 

@@ -165,7 +165,7 @@ def _rpc(point: RecordedPoint, *, integers: bool) -> bytes:
     time_s = channels.pop("time_s", np.zeros(0))
     measured = np.flatnonzero(np.all([np.isfinite(values) for values in channels.values()], axis=0))
     if len(measured) < 2:
-        raise FileProblem(f"point {point.id}", ["it has no samples with all channels. Fix: use --to mf4"])
+        raise FileProblem(f"point {point.id}", ["no sample contains values for all channels. Fix: use --to mf4"])
     rows = slice(int(measured[0]), int(measured[-1]) + 1)
     step_s, places = _grid(point.id, time_s[rows])
     on_grid = np.full((len(channels), int(places[-1]) + 1), np.nan)
@@ -179,7 +179,7 @@ def _rpc(point: RecordedPoint, *, integers: bool) -> bytes:
     except ValueError as error:
         count = int(np.count_nonzero(np.isnan(on_grid).any(axis=0)))
         raise FileProblem(f"point {point.id}", [
-            f"{count} of {on_grid.shape[1]} samples are missing, which 16-bit integers cannot express. Fix: use "
+            f"{count} of {on_grid.shape[1]} samples are missing, which 16-bit integers cannot represent. Fix: use "
             "--to rpc, which writes them as NaN"
         ]) from error  # fmt: skip
 

@@ -26,7 +26,8 @@ _HINTS = (
     ("Expected newline or end of document", f"unexpected text after the value; {_QUOTES}"),
     ("Invalid value", f"this is not a valid value; {_QUOTES}; true and false must be lower case"),
     ("Unclosed array", "a comma or the closing ] of a list is missing; strings and quantities must be in quotes"),
-    ("Unclosed inline table", "a comma or the closing } of the table is missing, or it does not end on its line"),
+    ("Unclosed inline table", "a comma or the closing } of the table is missing, or the table "
+     "continues on another line"),
     ("Illegal character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\r'", "the lines end with CR alone. Fix: save the file with LF or CR LF"),

@@ -23,10 +23,10 @@ Amplitude = Annotated[float, Quantity("length", "0 mm", LARGEST_AMPLITUDE, above
 Stroke = Annotated[float, Quantity("length", "0 mm", "2 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", LOWEST_FREQUENCY, HIGHEST_FREQUENCY)]
 PeakSpeed = Annotated[float, Quantity("speed", "0.001 mm/s", "50 m/s")]
-STROKE = "peak-to-peak displacement of the motion, twice the amplitude; instead of amplitude"
+STROKE = "peak-to-peak displacement of the motion (twice the amplitude); replaces amplitude"
 SPEED = (
-    "peak speed of the motion (sine: 2 pi x frequency x amplitude; triangle: 4 x frequency x amplitude); instead of "
-    "frequency, or of amplitude"
+    "peak speed of the motion (sine: 2 pi x frequency x amplitude; triangle: 4 x frequency x amplitude); replaces "
+    "frequency, or amplitude if frequency is specified"
 )
 OTHER_NAMES: Mapping[str, str] = {
     "velocity": "speed", "velocities": "speed", "peak_velocity": "speed", "peak_speed": "speed", "speeds": "speed",
@@ -103,7 +103,7 @@ class MotionSize:
             listed: each entry is a list.
         """
         if self.amplitude_m and self.stroke_m:
-            yield ("stroke",), "amplitude is also specified; a stroke is twice an amplitude. Fix: keep one of them"
+            yield ("stroke",), "amplitude is also specified (stroke = 2 x amplitude). Fix: remove one of them"
         elif self._amplitudes_m and self.frequency_Hz and self.speed_m_s:
             size = "amplitude" if self.amplitude_m else "stroke"
             yield ("speed",), (
@@ -133,14 +133,14 @@ class MotionSize:
             text = ""
             if self._amplitudes_m and not lowest_Hz <= frequency_Hz <= highest_Hz:
                 text = (
-                    f"a {waveform} of amplitude {show(amplitude_m, 'mm')} would need {frequency_Hz:.4g} Hz for this "
-                    f"speed (allowed: {LOWEST_FREQUENCY} to {HIGHEST_FREQUENCY}). Fix: change the speed or the "
+                    f"a {waveform} with amplitude {show(amplitude_m, 'mm')} would require {frequency_Hz:.4g} Hz for "
+                    f"this speed (allowed: {LOWEST_FREQUENCY} to {HIGHEST_FREQUENCY}). Fix: change the speed or the "
                     "amplitude"
                 )
             elif amplitude_m > largest_m:
                 text = (
-                    f"a {waveform} of {frequency_Hz:.4g} Hz would need an amplitude of {show(amplitude_m, 'mm')} for "
-                    f"this speed (allowed: up to {LARGEST_AMPLITUDE}). Fix: change the speed or the frequency"
+                    f"a {waveform} of {frequency_Hz:.4g} Hz would require an amplitude of {show(amplitude_m, 'mm')} "
+                    f"for this speed (allowed: up to {LARGEST_AMPLITUDE}). Fix: change the speed or the frequency"
                 )
             if text and place not in seen:
                 seen.add(place)

@@ -35,16 +35,16 @@ class ReportTable(Section):
     """Title, customer, people and logo of the report. Nothing that is measured depends on this table."""
 
     title: Line | None = Field(default=None, description="title of the report")
-    customer: Line | None = Field(default=None, description="for whom the test is made")
+    customer: Line | None = Field(default=None, description="customer for whom the test is performed")
     order_number: Line | None = Field(default=None, description="order or project number")
-    laboratory: Line | None = Field(default=None, description="laboratory that makes the test")
+    laboratory: Line | None = Field(default=None, description="laboratory that performs the test")
     description: Line | None = Field(default=None, description="type or part number of the specimen")
-    operator: Line | None = Field(default=None, description="person who makes the test")
+    operator: Line | None = Field(default=None, description="person who performs the test")
     conditions: Passage | None = Field(
         default=None, description="test conditions that the rig does not record, such as preconditioning"
     )
     approved_by: Line | None = Field(
-        default=None, description="person who approves the report; the report has a line for this signature"
+        default=None, description="person who approves the report; the report contains a signature line for this person"
     )
     logo: FileName | None = Field(
         default=None, description="PNG or SVG picture of at most 1 MB, relative to the folder of this file",

@@ -248,9 +248,9 @@ class Desk:
         path, planned = self._matrix(name), str(message.get("planned"))
         known = self._plans.get(name)
         if known is None or known["planned"] != planned or not DIGEST.fullmatch(planned):
-            raise Refusal("not-planned", "This is not the present plan of the matrix. Read the new plan, then start.")
+            raise Refusal("not-planned", "This plan is out of date. Read the new plan, then start.")
         if not known["feasible"]:
-            raise Refusal("matrix-infeasible", "The plan has points outside the limits of the bench.")
+            raise Refusal("matrix-infeasible", "The plan contains points outside the limits of the bench.")
         serial_number = str(message.get("serial_number", "")).strip()
         if not SERIAL_NUMBER.fullmatch(serial_number):
             raise Refusal("bad-serial-number", "Serial number: expected a letter or digit, followed by letters, "

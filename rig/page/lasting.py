@@ -72,8 +72,8 @@ class LastingAddress:
         before, warning = _read(folder / ADDRESS)
         if lock is None:
             url = f" at {before['url']}" if before.get("url") else ""
-            raise PageProblem(f"the page of {bench} is already being served{url}. Fix: open that address, or end the "
-                "other `rig page`")
+            raise PageProblem(f"the page of {bench} is already being served{url}. Fix: open that address, or stop the "
+                "other `rig page` process")
         kept = None if renewed else _tokens(before)
         proposed = FIRST_PORT + int(name, 16) % PORTS
         return cls(folder, before.get("port", proposed), "port" in before, kept or new_tokens(), warning, lock)
@@ -128,7 +128,7 @@ def _read(path: Path) -> tuple[dict[str, Any], str]:
     with os.fdopen(handle, "rb") as file:
         state = os.fstat(handle)
         if not stat.S_ISREG(state.st_mode) or state.st_uid != os.getuid():
-            return {}, f"{path}: is not a regular file of this user; new tokens were generated"
+            return {}, f"{path}: not a regular file owned by this user; new tokens were generated"
         content: Any = None
         with contextlib.suppress(ValueError, RecursionError):
             content = json.loads(file.read(LARGEST_BYTES))

@@ -119,8 +119,8 @@ class ImportPreset:
         known = {"current", "commanded_current", "voltage"} & merged.columns.keys()
         if settings.current_A is not None and not (known or merged.current_from_name or merged.current_A is not None):
             raise FileProblem("--like", [
-                f"{self.run} was imported with the coil current {settings.current_A:g} A, which may be another one in "
-                "these files. Fix: specify it, such as --current '0.5 A'"
+                f"{self.run} was imported with the coil current {settings.current_A:g} A, which may not apply to "
+                "these files. Fix: specify the current, for example --current '0.5 A'"
             ])
         own = {name: given[name] for name in ("waveform", "mid_stroke_m") if name in given}
         return replace(self, settings=merged, **own)

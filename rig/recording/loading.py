@@ -305,7 +305,7 @@ def _points_of_test(test: ImportedTest, options: LoadOptions) -> list[RecordedPo
         point = replace(point, skew_std_s=skew_std_s)
     verdict = stated.get("verdict")
     if verdict in VERDICTS:  # by the checks of the recording, which saw more than the export states
-        reasons = () if verdict == "valid" else (*point.reasons, f"exported as {verdict}")
+        reasons = () if verdict == "valid" else (*point.reasons, f"exported with the verdict {verdict}")
         point = replace(point, verdict=verdict, reasons=reasons)
     return [point]
 
@@ -384,7 +384,7 @@ def _points_of_table(table: _NamedTable, current_A: float | None, options: LoadO
     )  # fmt: skip
     for quantity in ("displacement", "force"):
         if not np.any(np.isfinite(channels[quantity])):
-            raise FileProblem(name, [f"{quantity}: none of {len(time_s)} rows contains a number. Fix: name another "
+            raise FileProblem(name, [f"{quantity}: none of {len(time_s)} rows contains a number. Fix: specify another "
                 "column"])
     return _points_of_test(test, options)
 

@@ -165,7 +165,7 @@ class RecordedPoint(TestPoint):
             arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
         for name in ("displacement", "force"):
             if not np.any(np.isfinite(arrays[name])):
-                raise FileProblem(id, [f"{name}: none of {len(time_s)} rows contains a number. Fix: name another "
+                raise FileProblem(id, [f"{name}: none of {len(time_s)} rows contains a number. Fix: specify another "
                     "column"])
         if "amplitude_m" not in description:
             check_one_motion(id, time_s, displacement_m, arrays["current"] if measured else None, waveform)

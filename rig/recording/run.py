@@ -152,13 +152,15 @@ class Run:
             try:
                 return replace(self, points=self.points[place], apart=(), unreadable=())
             except TypeError:
-                raise NoSuchEntry(f"run: got the slice {place}, expected places from 0, such as run[:3]") from None
+                raise NoSuchEntry(f"run: got the slice {place}, expected integer indices, for example "
+                    "run[:3]") from None
         if isinstance(place, str):
             named = [point for point in self.points if point.id == place]
             if len(named) == 1:
                 return named[0]
             if named:
-                raise NoSuchEntry(f"run: {len(named)} points have the id {place!r}. Fix: use a number, such as run[0]")
+                raise NoSuchEntry(f"run: {len(named)} points have the id {place!r}. Fix: use an index, for example "
+                    "run[0]")
             known = [point.id for point in self.points]
             shown = known if near_names(place, known) else known[:MOST_IDS]
             raise NoSuchEntry(f"run: got the point {place!r}; {meant(place, shown)}")
@@ -166,10 +168,10 @@ class Run:
             return self.points[operator.index(place)]
         except IndexError:
             count = len(self.points)
-            raise NoSuchEntry(f"run: got the place {place}, expected {-count} to {count - 1}") from None
+            raise NoSuchEntry(f"run: got the index {place}, expected {-count} to {count - 1}") from None
         except TypeError:
             raise NoSuchEntry(
-                f"run: got {place!r:.60}, expected the id of a point, its place, or a slice such as run[:3]"
+                f"run: got {place!r:.60}, expected a point id, an index, or a slice such as run[:3]"
             ) from None
 
     def __repr__(self) -> str:

@@ -64,12 +64,12 @@ def free_port() -> Iterator[int]:
 
 
 @pytest.mark.parametrize(("url", "words"), [
-    ("/dev/ttyUSB7", ["there is no such port", "Plugged in now: /dev/ttyUSB0 (FT232R USB UART)", "did you mean",
+    ("/dev/ttyUSB7", ["there is no such port", "Available ports: /dev/ttyUSB0 (FT232R USB UART)", "did you mean",
                       "1a86:7523 (USB Serial) has no driver: sudo modprobe ch341"]),
-    ("COM3", ["COM3 is a port name of Windows", "Plugged in now: /dev/ttyUSB0"]),
-    ("modbus-rtu:com12", ["port name of Windows"]),
-    ("/dev/cu.usbserial-1410", ["port name of macOS"]),
-    ("/dev/null", ["not a serial port", "Plugged in now"]),
+    ("COM3", ["COM3 is a Windows port name", "Available ports: /dev/ttyUSB0"]),
+    ("modbus-rtu:com12", ["Windows port name"]),
+    ("/dev/cu.usbserial-1410", ["macOS port name"]),
+    ("/dev/null", ["not a serial port", "Available ports"]),
     ("ftp://there", ["socket://HOST:PORT"]),
     ("socket://no-such-host.invalid:4001", ["cannot resolve the host name no-such-host.invalid"]),
 ])  # fmt: skip
@@ -88,7 +88,7 @@ def test_a_refused_connection_is_a_host_that_answers(scheme: str, free_port: int
     ("modbus-tcp://10.0.0.5:502", errno.ETIMEDOUT, "does not answer: check the device's power"),
     ("socket://10.0.0.5:502", errno.EHOSTUNREACH, "no route to 10.0.0.5"),
     ("/dev/ttyUSB0", errno.EIO, "no device is connected to /dev/ttyUSB0"),
-    ("socketcan:can7", errno.ENODEV, "CAN interfaces now: can0, can1 (down)"),
+    ("socketcan:can7", errno.ENODEV, "available CAN interfaces: can0, can1 (down)"),
     ("socketcan:can0", errno.EAFNOSUPPORT, "this kernel does not support CAN"),
     ("pcan:PCAN_USBBUS1", 0, "install PCAN-Basic"),
 ])

@@ -248,7 +248,7 @@ def test_predict_takes_tables_arrays_and_keywords_of_the_same_motion(fit: rig.Fi
     assert np.sqrt(np.mean((at_point["force_N"].to_numpy() - run[3].force_N) ** 2)) < 6.0
     for wrong, says in (
         (fit.predict, "`displacement_m`: missing"), (lambda: fit.predict(np.zeros((2, 2))), r"shape \(n, 3\)"),
-        (lambda: fit.predict(table, current_A=1.0), "expected either of them"), (lambda: fit.predict("x"), "shape"),
+        (lambda: fit.predict(table, current_A=1.0), "expected only one of these"), (lambda: fit.predict("x"), "shape"),
         (lambda: fit.predict({"displacement_mm": 0.0, "displacement_m": 0.0, "current_A": 1.0}), "Fix: remove one"),
     ):  # fmt: skip
         with pytest.raises(FileProblem, match=says):

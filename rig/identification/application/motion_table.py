@@ -135,7 +135,8 @@ def table_of(table: Table | None, given: Mapping[str, ArrayLike | None]) -> tupl
 
 def _both(columns: Mapping[str, object]) -> str:
     return (
-        f"got a table and the arguments {', '.join(columns)}, expected either of them. Fix: add these columns to the "
+        f"got both a table and the arguments {', '.join(columns)}, expected only one of these. Fix: add these columns "
+        "to the "
         "table, or pass every quantity as an argument"
     )
 

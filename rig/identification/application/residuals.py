@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NO_TESTS = (
-    "the fit contains neither tests nor references to recordings. Fix: name the tests, such as "
+    "the fit contains neither tests nor references to recordings. Fix: specify the tests, for example "
     "tests=rig.load('FOLDER')"
 )
 

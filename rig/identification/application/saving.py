@@ -53,7 +53,8 @@ def _refuse_others(target: Path) -> None:
     except ValueError:
         known = False
     if not known and target.name != CampaignFolder.fit:
-        raise FileProblem(str(target), ["exists and is not a fit; it was not replaced. Fix: specify another name"])
+        raise FileProblem(str(target), ["is an existing file that does not contain a fit; it was not overwritten. "
+            "Fix: specify another name"])
 
 
 def _kept(target: Path) -> Path:

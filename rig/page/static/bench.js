@@ -129,7 +129,7 @@ function show_plan(message) {
   if (message.of !== planning) return; // another matrix was chosen meanwhile, or a run is being resumed
   planning = "";
   if (message.refused) {
-    by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "There is no plan of this matrix:";
+    by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "This matrix cannot be planned:";
     by_id("plan").replaceChildren(...words_of(message).split("\n").map((line) => element("p", line, "poor"))); show_matrices(); return;
   }
   plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false; enter_serial(message.serial_number);
@@ -161,7 +161,7 @@ function show_questions(message) {
   asked = message; plan = null; by_id("begin").hidden = true; by_id("plan").replaceChildren(); by_id("plan-empty").hidden = true;
   by_id("plan-head").textContent = `Resume ${message.run}`; by_id("resume").hidden = false; by_id("requalified-box").hidden = !message.requalify; by_id("requalified").value = "";
   by_id("resume-head").textContent = `Specimen ${message.specimen}: ${message.left} of ${message.total} points left. All checks are repeated; valid points are kept.${message.stops.length ? " Confirm each cause of the stop:" : ""}`;
-  by_id("left-out").textContent = message.left_out.length ? `Options of the first simulated rig that are not used again: ${message.left_out.join(", ")}.` : "";
+  by_id("left-out").textContent = message.left_out.length ? `Options of the first simulated rig that are not reused: ${message.left_out.join(", ")}.` : "";
   by_id("confirm").replaceChildren();
   for (const one of message.stops) {
     const label = element("label"), tick = element("input"); tick.type = "checkbox"; tick.value = one.slug; tick.onchange = buttons;

@@ -146,7 +146,7 @@ function last_selected() { return selected.filter((one) => one && one.series).re
 let selections = 0;
 function select(id) {
   const free = Array.from({ length: OVERLAYS }, (_, place) => place).find((place) => !selected[place]);
-  if (free === undefined) { answer(`${OVERLAYS} points are shown. Deselect a point first.`); return; }
+  if (free === undefined) { answer(`${OVERLAYS} points are already shown. Deselect a point first.`); return; }
   const one = point(id);
   selected[free] = { id, point: id, number: ++selections, stamp: stamp(id), name: `${id}: ${one ? describe(one) : ""}`, series: null };
   say({ do: "recorded", point: id });

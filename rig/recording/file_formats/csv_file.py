@@ -271,8 +271,10 @@ class CsvFile:
             if possible or self._stated.event_rows == "refuse":
                 skip = "" if possible else ", or leave this table out with --event-rows skip"
                 raise FileProblem(str(self._file), [
-                    f"{self.ROW} {number + first}: another table starts, with {', '.join(cells + following)[:200]}; "
-                    f"the first table has {', '.join(names + units)[:200]}. Fix: save each table as a separate file"
+                    f"{self.ROW} {number + first}: another table starts here, with the header "
+                    f"{', '.join(cells + following)[:200]}; "
+                    f"the header of the first table is {', '.join(names + units)[:200]}. Fix: save each table as a "
+                    "separate file"
                     f"{skip}",
                 ])  # fmt: skip
             return OTHER_TABLE

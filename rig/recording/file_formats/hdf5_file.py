@@ -125,7 +125,7 @@ class Hdf5File(NoLines):
         if not stated:
             return None
         if len({step_s for step_s, _attribute in stated.values()}) > 1:
-            raise FileProblem(str(self._file), ["the data sets were not sampled together: " + ", ".join(
+            raise FileProblem(str(self._file), ["the data sets were not sampled at the same times: " + ", ".join(
                 f"{name}: {attribute}" for name, (_step_s, attribute) in stated.items()
             )])
         step_s, attribute = next(iter(stated.values()))

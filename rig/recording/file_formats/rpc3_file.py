@@ -88,7 +88,7 @@ class Rpc3File(NoLines):
         self._scales = scales if kind == INTEGERS else [1.0] * channels
         notes = [f"RPC III {keys.get('TIME_TYPE', '')}".strip(), kind, f"{1.0 / self._step_s:g} Hz"]
         if kind == INTEGERS and int(full_scale) not in KNOWN_FULL_SCALES:
-            notes.append(f"INT_FULL_SCALE {full_scale:g} not applied (number x SCALE is the value)")
+            notes.append(f"INT_FULL_SCALE {full_scale:g} not applied (value = number x SCALE)")
         if padding:
             notes.append(f"{padding} samples at the end left out (padding: no channel changes)")
         if rest:
@@ -196,7 +196,7 @@ def encoded(
         ValueError: integers of values that are not finite.
     """
     if integers and not all(np.isfinite(one.values).all() for one in channels):
-        raise ValueError("16-bit integers cannot express missing values")
+        raise ValueError("16-bit integers cannot represent missing values")
     rows = len(channels[0].values)
     frames = -(-rows // POINTS_PER_FRAME)
     keys: dict[str, object] = {

@@ -32,7 +32,7 @@ BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
     (bytes(12) + b"\xc2\xea\x81\x60", "a SAS file (.sas7bdat)", "pandas.read_sas(FILE).to_csv('a.csv')"),
     (b"RDX2\n", "an R workspace (.RData)", "write.csv(TABLE, 'a.csv') in R"),
     (b"RDX3\n", "an R workspace (.RData)", "write.csv(TABLE, 'a.csv') in R"),
-    (b"LOGG", "a Vector BLF log of a bus", "export its signals as MDF4 or CSV with the bus database"),
+    (b"LOGG", "a Vector BLF bus log", "export its signals as MDF4 or CSV with the bus database"),
     (b"MATLAB Data Acquisition File", "a MATLAB data acquisition file (.daq)",
      "[d, t] = daqread(FILE); writematrix([t d], 'a.csv') in MATLAB"),
     (b"DTLG", "a LabVIEW datalog file", "export the data as TDMS or LVM"),
@@ -44,8 +44,8 @@ BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
     (b"\x80\x04\x95", "a Python pickle, which can execute code when it is loaded", "save the data as CSV"),
     (b"\x80\x05\x95", "a Python pickle, which can execute code when it is loaded", "save the data as CSV"),
     (b"\x00\x01\x00\x00Standard", "an Access database", "export the table of the test as CSV"),
-    (b"MZ", "a Windows program", "specify the file with the data"),
-    (b"\x7fELF", "a Linux program", "specify the file with the data"),
+    (b"MZ", "a Windows program", "specify the file that contains the data"),
+    (b"\x7fELF", "a Linux program", "specify the file that contains the data"),
     *((number.to_bytes(2, "little"), "an HBM catman file (.bin)", "export the data as MDF4, MATLAB or CSV")
       for number in range(5010, 5015)),
 )
@@ -59,7 +59,7 @@ IN_ARCHIVES = (
     ("word/", "a Word document", "save the numbers as a text file"),
     ("ppt/", "a PowerPoint presentation", "save the numbers as a text file"),
     ("Index/", "an Apple Numbers spreadsheet", "export the spreadsheet as .xlsx or CSV"),
-    ("modelDescription.xml", "an FMU (a model)", "specify the file with the data"),
+    ("modelDescription.xml", "an FMU (a model)", "specify the file that contains the data"),
     (".npy", "NumPy arrays (.npz)", "numpy.savetxt('a.csv', columns, delimiter=',')"),
 )
 TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
@@ -71,7 +71,7 @@ TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (re.compile(rb"\s*ATF_FILE\b"), "an ASAM ODS file (ATF)", "export the measurement as MDF4 or CSV"),
     (re.compile(rb"(?s)\s*(<\?xml[^>]*>\s*)?(<!--.{0,2000}?-->\s*)?<sie\b"), "a SoMat SIE file",
      "export the data as CSV or RPC III with SoMat InField or nCode"),
-    (re.compile(rb"(?i)date [a-z]{3} [a-z]{3} +\d+ .*\r?\nbase (hex|dec)"), "a Vector ASC log of a bus",
+    (re.compile(rb"(?i)date [a-z]{3} [a-z]{3} +\d+ .*\r?\nbase (hex|dec)"), "a Vector ASC bus log",
      "export its signals as MDF4 or CSV with the bus database"),
     (re.compile(rb"\s*(\{\s*\"|\[\s*[\[{])"), "a JSON file", "pandas.read_json(FILE).to_csv('a.csv')"),
     (re.compile(rb"\s*<\?xml[^>]*>\s*(<\?mso[^>]*>\s*)?<Workbook\b"), "an Excel 2003 XML workbook",

@@ -132,7 +132,7 @@ def test_rpc3_files_keep_the_uniform_time_base_and_the_gaps(folder: Path, monkey
     assert test.displacement_m == pytest.approx(X, rel=1e-7, abs=0.0)
     assert np.array_equal(np.isnan(test.force_N), np.isnan(FORCE))
     assert b"RIG.CURRENT_A" in file.read_bytes()
-    with pytest.raises(FileProblem, match="1 of 50 samples are missing, which 16-bit integers cannot express"):
+    with pytest.raises(FileProblem, match="1 of 50 samples are missing, which 16-bit integers cannot represent"):
         export(folder, "rpc16", folder / "16")
     assert not (folder / "16").exists()
     uneven = RecordedPoint.from_arrays(

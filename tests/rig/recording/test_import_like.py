@@ -54,7 +54,7 @@ def test_columns_units_and_scales_are_those_of_the_earlier_import(earlier: Path,
 
 
 def test_a_fixed_current_belongs_to_the_test_and_is_not_taken(earlier: Path, tmp_path: Path) -> None:
-    with pytest.raises(FileProblem, match=r"with the coil current 0\.5 A, which may be another one in these files"):
+    with pytest.raises(FileProblem, match=r"with the coil current 0\.5 A, which may not apply to these files"):
         import_tests([table(tmp_path / "a.csv")], like=earlier, out=tmp_path)
 
 
