@@ -44,6 +44,7 @@ from drivers.errors import DriverError
 from drivers.frame_checks import FrameChecks
 from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from protocols.j1939 import parameter_group, same_receiver, source_address
 from protocols.quality import Quality
 from protocols.slcan import Frame
 
@@ -91,12 +92,16 @@ class CanCurrentSource:
         self.send_error: DriverError | None = None
         self._description = description
         self._heard = description.heard
+        self._groups = {parameter_group(key): key for key, message in description.heard.items() if message.by_group}
+        self._address = description.source_address
+        self._other_addresses: set[int] = set()
         self._checks = FrameChecks(description, self.counters)
         self._port = port
         self._is_open = False
         self._send_lock = threading.Lock()
         self._count = 0
         self._own = frozenset(frame.identifier | (EXTENDED if frame.extended else 0) for frame in description.sent)
+        self._own_groups = frozenset(same_receiver(frame.identifier) for frame in description.sent if frame.j1939)
         self._requested = (0.0, False, False)
         self._sent: deque[Record] = deque(maxlen=_COMMANDS_KEPT)
         self._left = REPEATS
@@ -146,6 +151,13 @@ class CanCurrentSource:
     @property
     def refusal(self) -> tuple[str, str]:
         """Slug and words of why its frames cannot be believed; two empty texts while nothing speaks against them."""
+        if self._other_addresses and self._description.source_address is None and self._address is not None:
+            senders = ", ".join(f"0x{one:02X}" for one in sorted({self._address, *self._other_addresses}))
+            return "can-foreign", (
+                f"several nodes send the messages of the ECU (J1939 source addresses {senders}). Fix: write the ECU's "
+                "address in the roles file, such as source_address = "
+                f"0x{self._address:02X}"
+            )
         return self._checks.refusal()
 
     @property
@@ -326,6 +338,11 @@ class CanCurrentSource:
         """Sort one frame; nothing is decoded before its kind and length are checked."""
         identifier, data, extended, remote, length = frame
         key = identifier | EXTENDED if extended else identifier
+        if extended and (named := self._groups.get(parameter_group(identifier))) is not None:
+            if not self._is_from_ecu(source_address(identifier)):
+                self._take_other(key, length=0 if remote else length)
+                return
+            key = named
         message = self._heard.get(key)
         if message is None:
             self._take_other(key, length=0 if remote else length)
@@ -349,12 +366,20 @@ class CanCurrentSource:
         if message.roles & {SERIAL, FIRMWARE, LAYOUT}:
             self._take_identity()
 
+    def _is_from_ecu(self, address: int) -> bool:
+        """Whether a frame of one of its parameter groups is the ECU's: from its address, or the first that is heard."""
+        if self._address is None:
+            self._address = address
+        if address != self._address:
+            self._other_addresses.add(address)
+        return address == self._address
+
     def _take_other(self, key: int, *, length: int) -> None:
         """A frame that is none of the ECU's."""
         self.counters.other_bits += (_EXTENDED_BITS if key & EXTENDED else _STANDARD_BITS) + 8 * length
         if key ^ EXTENDED in self._heard:
             self._checks.malformed(key ^ EXTENDED == self._description.status)
-        elif key in self._own:
+        elif key in self._own or (key & EXTENDED and same_receiver(key) in self._own_groups):
             self.counters.foreign_commands += 1
         else:
             self.counters.other_frames += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from drivers import clock
@@ -21,6 +22,9 @@ LARGEST_BATCH = 1000
 
 SLCAN = "slcan"
 SOCKETCAN = "socketcan"
+ECHOING = frozenset({"udp_multicast"})
+"""Interfaces of python-can that also deliver the frames that this host has sent."""
+_ECHOES_KEPT = 256
 
 
 class CanPort:
@@ -50,6 +54,7 @@ class CanPort:
         self._channel = address.channel
         self._can: types.ModuleType | None = None
         self._bus: Any = None
+        self._echoes: deque[tuple[int, bytes]] = deque(maxlen=_ECHOES_KEPT)
 
     @property
     def malformed(self) -> int:
@@ -110,7 +115,7 @@ class CanPort:
         while message is not None:
             if message.is_error_frame:
                 self.bus_errors += 1
-            else:
+            elif not self._is_echo(message.arbitration_id, bytes(message.data)):
                 frames.append((
                     message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame,
                     message.dlc,
@@ -136,9 +141,20 @@ class CanPort:
                 arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd,
                 bitrate_switch=fd and self._switched,
             )
+            if self._interface in ECHOING:
+                self._echoes.append((identifier, bytes(data)))
             self._bus.send(message, timeout=0.02)
         except (self._can.CanError, OSError, ValueError) as error:
             raise LinkLost(self.device, self._name, f"frame 0x{identifier:03X} not sent: {error}") from error
+
+    def _is_echo(self, identifier: int, data: bytes) -> bool:
+        """Whether a frame is one that this host has sent; each is delivered once."""
+        if not self._echoes:
+            return False
+        with contextlib.suppress(ValueError):
+            self._echoes.remove((identifier, data))
+            return True
+        return False
 
     @property
     def _name(self) -> str:

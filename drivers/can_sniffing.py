@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import PurePath
 from typing import Any
 
 from drivers import clock
-from drivers.can_library import import_can
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
-from drivers.devices.dbc_file import DbcText
+from drivers.devices.dbc_file import DbcText, can_database
 from protocols.errors import LocalProtocolError
 from protocols.guess_can import CanFrame
 
 LARGEST_LOG_BYTES = 64 << 20
-FORMATS = {".dbc": "dbc", ".kcd": "kcd", ".sym": "sym", ".arxml": "arxml"}
-"""Ending of a network description's name and its format; other files are taken as DBC files."""
 MOST_FRAMES = 200_000
 """Heard at a time; a full 1 Mbit/s bus carries some 8,000 a second."""
 
@@ -46,7 +42,7 @@ def decoded(frames: Sequence[CanFrame], dbc: DbcText) -> tuple[dict[int, dict[st
 
     Args:
         frames: as received.
-        dbc: a DBC file, or another network description (`FORMATS`), known by the ending of its name.
+        dbc: a DBC file, or another network description (`dbc_file.FORMATS`), known by the ending of its name.
 
     Returns:
         That, and the identifiers that are not described.
@@ -54,16 +50,13 @@ def decoded(frames: Sequence[CanFrame], dbc: DbcText) -> tuple[dict[int, dict[st
     Raises:
         LocalProtocolError: the text is not of the format that its name states.
     """
-    import_can()  # before cantools, which would have it load its MF4 reader
-    from cantools.database import load_string
+    try:
+        database = can_database(dbc.text, dbc.format)
+    except LocalProtocolError as error:
+        raise LocalProtocolError(f"{dbc.name}: {error}") from error
+    # after python-can, which cantools would have load its MF4 reader
     from cantools.database.errors import Error
 
-    kind = FORMATS.get(PurePath(dbc.name).suffix.lower(), "dbc")
-    try:
-        database: Any = load_string(dbc.text, database_format=kind, strict=False)
-    except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise LocalProtocolError(f"{dbc.name}: not a valid {kind.upper()} file: {reason}") from error
     known: dict[int, dict[str, Any]] = {}
     unknown: set[int] = set()
     for _, identifier, data, _ in frames:

@@ -14,8 +14,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from drivers.can_library import import_can
-from drivers.devices.dbc_file import DbcText
+from drivers.devices.dbc_file import DbcText, can_database
 from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.source import current_source, preset
 from protocols.can_signals import Signal
@@ -27,6 +26,8 @@ from simulators.ecu_wire import EXTENDED, Command, Frame, Shown
 FIRMWARE = 0x0100
 USUAL_US = {"measured_current": 10_000, "serial_number": 1_000_000, "firmware": 1_000_000, "layout": 1_000_000}
 OTHER_US = 100_000
+SIMULATED_ADDRESS = 0x80
+"""J1939 address of an ECU whose files state none."""
 TEMPERATURES = frozenset({"coil_temperature", "ecu_temperature", "supply_voltage", "boot_count"})
 
 
@@ -96,6 +97,12 @@ class EmulatedEcu:
         heard = self.described.heard.values()
         self.periods_us: Mapping[str, int] = {
             message.name: _period_us(message.period_s, message.roles) for message in heard
+        }
+        address = self.described.source_address
+        own_address = SIMULATED_ADDRESS if address is None else address
+        self._identifiers = {
+            message.name: key & ~0xFF | own_address if message.by_group else key
+            for key, message in self.described.heard.items()
         }
         self.temperatures = frozenset(message.name for message in heard if message.roles <= TEMPERATURES)
         self._sent = {
@@ -179,12 +186,12 @@ class EmulatedEcu:
         data = bytearray(message.encode(numbers, scaling=False, strict=False))
         self._seals[name].put(data, count)
         self._counters[name] = count + 1
-        return message.frame_id | (EXTENDED if message.is_extended_frame else 0), bytes(data)
+        return self._identifiers[name], bytes(data)
 
     def damaged(self, frame: Frame) -> Frame:
         """A frame whose checksum, or counter where it has no checksum, is wrong."""
         identifier, data = frame
-        name = self.described.heard[identifier].name
+        name = next(name for name, sent in self._identifiers.items() if sent == identifier)
         return identifier, self._seals[name].damaged(data)
 
     def _reported(self, name: str, shown: Shown) -> dict[str, float]:
@@ -225,12 +232,7 @@ def _period_us(period_s: float, roles: frozenset[str]) -> int:
 @functools.lru_cache(8)
 def _messages(dbc: DbcText) -> Mapping[str, Any]:
     """The messages of a DBC by their names, as cantools has them."""
-    import_can()  # before cantools, which would have it load its MF4 reader, and with that pandas
-    from cantools.database.can import Database
-
-    database = Database(strict=False)
-    database.add_dbc_string(dbc.text)
-    return {message.name: message for message in database.messages}
+    return {message.name: message for message in can_database(dbc.text, dbc.format).messages}
 
 
 def _value(signal: Signal, number: float) -> float:

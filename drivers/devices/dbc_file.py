@@ -1,4 +1,4 @@
-"""A DBC file as plain data: its messages and signals with the lines where they stand. Read by cantools.
+"""A DBC, KCD, SYM or ARXML file as plain data: messages and signals, of a DBC with their lines. Read by cantools.
 
 The library is asked not to judge: what it would refuse (signals that overlap, that do not fit) matters only in the
 messages that are used, and is said there, with all that is wrong beside.
@@ -9,14 +9,21 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import Any
 
 from drivers.can_library import import_can
 from protocols.can_signals import Condition, Signal
 from protocols.errors import LocalProtocolError
+from protocols.j1939 import PLACEHOLDERS, source_address
 
 DBC_ENCODING = "cp1252"
 """What most tools write a DBC in."""
+
+FORMATS = {".dbc": "dbc", ".kcd": "kcd", ".sym": "sym", ".arxml": "arxml"}
+"""Ending of a network description's name and its format; other files are taken as DBC files."""
+ENDINGS = tuple(FORMATS)
+J1939 = "j1939"
 
 _MESSAGE = re.compile(r"^\s*BO_\s+(\d+)\s+(\w+)\s*:")
 _SIZE = re.compile(r"^\s*BO_\s+\d+\s+\w+\s*:\s*(\d+)")
@@ -25,6 +32,11 @@ LONGEST_MESSAGE = 1785
 """Bytes: the longest of J1939's transport protocol, which a DBC may describe; a CAN FD frame has 64."""
 MOST_BITS = 8 * LONGEST_MESSAGE
 _SIGNAL = re.compile(r"^\s*SG_\s+(\w+)\s")
+_OTHER_SIZE = re.compile(
+    r"""(?:\b(?:length|offset)\s*=\s*["']?|<(?:[\w-]*LENGTH|START-POSITION)[^>]*>\s*)(\d{6,})""", re.IGNORECASE
+)
+"""A size in a KCD, SYM or ARXML file that no message has; checked before the library reads it."""
+_ENTITY = re.compile(r"<!(?:DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -38,6 +50,11 @@ class DbcText:
     def stem(self) -> str:
         """Its name without the ending."""
         return self.name.rpartition(".")[0] or self.name
+
+    @property
+    def format(self) -> str:
+        """Its format, by the ending of its name: "dbc", "kcd", "sym" or "arxml"."""
+        return FORMATS.get(PurePath(self.name).suffix.lower(), "dbc")
 
 
 @dataclass(frozen=True)
@@ -66,7 +83,10 @@ class DbcSignal:
 
 @dataclass(frozen=True)
 class DbcMessage:
-    """A message; `period_s` is its cycle time (GenMsgCycleTime), 0 where the file states none."""
+    """A message; `period_s` is its cycle time (GenMsgCycleTime), 0 where the file states none.
+
+    `j1939`: its identifier consists of priority, parameter group and addresses.
+    """
 
     name: str
     identifier: int
@@ -76,39 +96,73 @@ class DbcMessage:
     signals: Mapping[str, DbcSignal]
     period_s: float
     line: int
+    j1939: bool = False
+
+    @property
+    def any_address(self) -> bool:
+        """A J1939 message whose source address is a placeholder: it is identified by its parameter group."""
+        return self.j1939 and source_address(self.identifier) in PLACEHOLDERS
 
 
-def parse_dbc(text: str) -> dict[str, DbcMessage]:
-    """The messages of a DBC file, by name.
+def can_database(text: str, kind: str = "dbc") -> Any:  # noqa: ANN401 - cantools has no types
+    """The messages of a network description as the library has them: a `cantools.database.can.Database`.
+
+    Args:
+        text: of the file.
+        kind: its format, a value of `FORMATS`.
 
     Raises:
-        LocalProtocolError: it is no DBC file, or has no message.
+        LocalProtocolError: the text is not of that format, or a size in it is implausible.
     """
-    _check_sizes(text)
+    _check_sizes(text, kind)
     # python-can first: it must not load its MF4 reader, and cantools would have it do so.
     import_can()
+    from cantools.database import load_string
     from cantools.database.can import Database
 
-    database = Database(strict=False)
     try:
-        database.add_dbc_string(text)
+        database = load_string(text, database_format=kind, strict=False)
     except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
-        raise LocalProtocolError(f"not a readable DBC file: {error}") from error
+        reason = (str(error).splitlines() or [type(error).__name__])[0].removeprefix(f"{kind.upper()}: ").strip('"')
+        raise LocalProtocolError(f"not a readable {kind.upper()} file: {reason}") from error
+    if not isinstance(database, Database):
+        raise LocalProtocolError(f"this {kind.upper()} file describes no CAN bus")
+    return database
+
+
+def parse_dbc(text: str, kind: str = "dbc") -> dict[str, DbcMessage]:
+    """The messages of a DBC file or another network description, by name.
+
+    Args:
+        text: of the file.
+        kind: its format, a value of `FORMATS`.
+
+    Raises:
+        LocalProtocolError: the text is not of that format, or has no message.
+    """
+    database = can_database(text, kind)
     if not database.messages:
-        raise LocalProtocolError("this file contains no messages (BO_)")
-    lines = _lines(text)
+        raise LocalProtocolError("this file contains no messages" + " (BO_)" * (kind == "dbc"))
+    lines = _lines(text) if kind == "dbc" else {}
     try:
         return {message.name: _message(message, lines) for message in database.messages}
     except (OverflowError, TypeError, ValueError) as error:
-        raise LocalProtocolError(f"a number in this DBC file cannot be used: {error}") from error
+        raise LocalProtocolError(f"a number in this {kind.upper()} file cannot be used: {error}") from error
 
 
-def _check_sizes(text: str) -> None:
+def _check_sizes(text: str, kind: str) -> None:
     """Refuse sizes that no message has: the library's time and memory grow with them, used or not.
 
     Raises:
         LocalProtocolError: a message of too many bytes, or a signal that begins or ends beyond every message.
     """
+    if kind != "dbc":
+        if (found := _OTHER_SIZE.search(text)) is not None:
+            message = f"a signal must lie within the first {MOST_BITS} bits of its message"
+            raise LocalProtocolError(f"line {text.count(chr(10), 0, found.start()) + 1}: {found[0]!r:.80}: {message}")
+        if _ENTITY.search(text) is not None:
+            raise LocalProtocolError("a document type (<!DOCTYPE, <!ENTITY) is not allowed in a network description")
+        return
     for number, line in enumerate(text.splitlines(), start=1):
         if (match := _SIZE.match(line)) is not None and _beyond(match[1], LONGEST_MESSAGE):
             message = f"a message has at most {LONGEST_MESSAGE} bytes"
@@ -150,6 +204,7 @@ def _message(given: Any, lines: Mapping[tuple[str, ...], int]) -> DbcMessage:  #
     return DbcMessage(
         given.name, given.frame_id, bool(given.is_extended_frame), bool(given.is_fd) or given.length > 8, given.length,
         signals, (given.cycle_time or 0) / 1e3, lines.get((given.name,), 0),
+        given.protocol == J1939 and bool(given.is_extended_frame),
     )
 
 

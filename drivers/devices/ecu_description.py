@@ -33,6 +33,7 @@ class SentFrame:
         extended, fd: its kind.
         writer: packs `command`, `enable` and `clear_faults`, as far as they are in it.
         protection: counter and checksum.
+        j1939: whether frames of its parameter group from another address have the same meaning.
     """
 
     name: str
@@ -41,13 +42,14 @@ class SentFrame:
     fd: bool
     writer: FrameWriter
     protection: Protection
+    j1939: bool = False
 
 
 @dataclass(frozen=True)
 class HeardMessage:
     """A message that is read; `period_s` is 0 if its period is unknown.
 
-    One with pages shows each of them once in `pages` frames.
+    One with pages shows each of them once in `pages` frames. One `by_group` is known by its J1939 parameter group.
     """
 
     name: str
@@ -58,6 +60,7 @@ class HeardMessage:
     roles: frozenset[str]
     pages: int = 1
     fd: bool = False
+    by_group: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ class EcuDescription:
         lacking: what is not there: name, and what is left without it.
         signals: message and signal (scaled to A, degC, V, us) of every role.
         pages: of a heard message with pages, the multiplexers' numbers of each that has a role.
+        source_address: from which messages `by_group` must come; None: from the first address that is heard.
     """
 
     name: str
@@ -116,6 +120,7 @@ class EcuDescription:
     lacking: tuple[tuple[str, str], ...] = ()
     signals: Mapping[str, tuple[str, Signal]] = field(default_factory=dict)
     pages: Mapping[str, list[dict[str, int]]] = field(default_factory=dict)
+    source_address: int | None = None
 
     @property
     def roles(self) -> frozenset[str]:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,6 +38,7 @@ from drivers.devices.role_reading import Found, Place, Reading, RoleProblems
 from drivers.devices.sent_frames import sent_frames
 from protocols.can_signals import FrameReader, Placed, Signal
 from protocols.e2e import Protection
+from protocols.j1939 import from_address
 from protocols.slcan import FD_LENGTHS
 from protocols.wire_units import seconds
 
@@ -98,6 +99,8 @@ class _Roles:
         protections, periods = self._protections(), self._periods()
         sent = sent_frames(reading, {role: named[role] for role in SENT_ROLES if role in named}, on_off,
                            self._roles.get("constants", {}), protections)  # fmt: skip
+        if (own := self._address("own_address", [reading.messages[frame.name] for frame in sent])) is not None:
+            sent = tuple(replace(frame, identifier=from_address(frame.identifier, own)) for frame in sent)
         heard = self._heard(protections, periods)
         self._check_messages(protections, periods, {frame.name for frame in sent})
         timeout = self._roles.get("command_timeout")
@@ -116,6 +119,7 @@ class _Roles:
             tuple(FaultSignal(field, numbers, fault) for field, _, numbers, fault in self._fault_signals),
             0.0 if clock is None else clock.signal.scale, 0 if clock is None else 1 << clock.signal.length,
             layout, cyclic, timeout_s, signals=self._signals(), pages=self._pages(),
+            source_address=self._roles.get("source_address"),
         )
         return replace(made, lacking=missing(made))
 
@@ -230,7 +234,7 @@ class _Roles:
         if not low_A - ZERO_A <= 0.0 <= high_A + ZERO_A or steps > ZERO_A:
             self._reading.wrong(
                 (COMMAND,),
-                f"{signal.name} (line {given.line} of the DBC file) ranges from {low_A:g} A to {high_A:g} A in "
+                f"{signal.name}{f' (line {given.line} of the DBC file)' * (given.line > 0)} ranges from {low_A:g} A to {high_A:g} A in "
                 f"steps of {abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. "
                 "Fix: specify a set-point that can represent 0 A",
             )
@@ -243,6 +247,15 @@ class _Roles:
             name: read_protection(self._reading, messages[name], table)
             for name, table in given.items() if name in messages
         }
+
+    def _address(self, key: str, messages: Sequence[DbcMessage]) -> int | None:
+        """A J1939 address; a problem where it applies to a message without one."""
+        address: int | None = self._roles.get(key)
+        if address is not None:
+            for name in [message.name for message in messages if not message.extended]:
+                self._reading.wrong((key,), f"message {name!r} has a standard identifier, which contains no address. "
+                    "Fix: remove this entry")
+        return address
 
     def _periods(self) -> dict[str, float]:
         given = self._roles.get("periods", {})
@@ -259,6 +272,7 @@ class _Roles:
         for field, named, _, _ in self._fault_signals:
             placed.setdefault(named.message.name, {})[field] = named.placed(plain=True)
         heard: dict[int, HeardMessage] = {}
+        address = self._address("source_address", [self._reading.messages[name] for name in placed])
         for name, fields in placed.items():
             message = self._reading.messages[name]
             protection = protections.get(name, Protection())
@@ -266,6 +280,7 @@ class _Roles:
             heard[_key(message)] = HeardMessage(
                 name, message.size, FrameReader(message.size, fields), protection,
                 periods.get(name, message.period_s), frozenset(fields), _page_count(message), message.fd,
+                message.any_address or (address is not None and message.extended),
             )
         return heard
 

@@ -114,7 +114,8 @@ class Reading:
             return None
         problem = _unusable(given, message)
         if problem:
-            self.wrong(place, f"signal {name!r} (line {given.line} of the DBC file): {problem}")
+            at = f" (line {given.line} of the DBC file)" if given.line else ""
+            self.wrong(place, f"signal {name!r}{at}: {problem}")
             return None
         return Found(message, given)
 

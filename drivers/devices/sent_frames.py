@@ -132,7 +132,7 @@ def _frame(
     _overlaps(reading, message, changing, stated, protection)
     return SentFrame(
         message.name, message.identifier, message.extended, message.fd,
-        FrameWriter(message.size, tuple(fixed), changing), protection,
+        FrameWriter(message.size, tuple(fixed), changing), protection, message.j1939,
     )
 
 

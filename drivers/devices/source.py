@@ -69,7 +69,7 @@ def read_dbc(given: DbcText) -> dict[str, DbcMessage]:
         LocalProtocolError: it is not a DBC.
     """
     try:
-        return parse_dbc(given.text)
+        return parse_dbc(given.text, given.format)
     except LocalProtocolError as error:
         raise LocalProtocolError(f"{given.name}: {error}") from error
 

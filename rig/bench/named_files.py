@@ -11,11 +11,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
+from rig.files.names import NETWORK_ENDINGS
 from rig.text_file import read_bytes
 
-LARGEST_BYTES = 262_144
-ENTRIES: Mapping[tuple[str, str], str] = {
-    ("actuator", "register_map"): ".toml", ("ecu", "dbc"): ".dbc", ("ecu", "roles"): ".toml",
+LARGEST_BYTES = 4 << 20
+ENTRIES: Mapping[tuple[str, str], str | tuple[str, ...]] = {
+    ("actuator", "register_map"): ".toml", ("ecu", "dbc"): NETWORK_ENDINGS, ("ecu", "roles"): ".toml",
     ("ecu", "supply"): ".toml",
     ("load_cell", "format"): ".toml", ("lvdt", "format"): ".toml", ("auxiliary", "format"): ".toml",
 }  # fmt: skip

@@ -250,7 +250,9 @@ class EcuConfig(Settings):
         default_factory=dict, metadata=key(description="further arguments for the interface, named as in python-can")
     )
     dbc: Annotated[str | DbcText, Check(address.known_current_source, written=str)] = field(
-        default="demo", metadata=key(examples=["ecu.dbc"], description="name of a built-in ECU, or a DBC file")
+        default="demo", metadata=key(
+            examples=["ecu.dbc"], description="name of a built-in ECU, or a DBC, KCD, SYM or ARXML file"
+        )
     )
     roles: str | dict[str, Any] | None = field(
         default=None, metadata=key(examples=["ecu-roles.toml"], description="meaning of the signals in a DBC file")

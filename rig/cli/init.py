@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from pathlib import Path
+from pathlib import Path, PurePath
 from string import Template
 
 import click
@@ -18,6 +18,7 @@ from rig.cli.options import Command, json_option
 from rig.cli.output import say, shown_path, write_json
 from rig.errors import EXIT_DONE, FileProblem
 from rig.files.described import described
+from rig.files.names import is_dbc, is_file
 from rig.units import UnitProblem, parse
 
 BENCH, MATRIX = "bench.toml", "matrix.toml"
@@ -136,7 +137,7 @@ def _check_names(answers: Mapping[str, str]) -> None:
     }
     unknown = [
         f"--{key}: got {answers[key]!r}, expected {', '.join(names)}, or a file" for key, names in known.items()
-        if answers.get(key) and answers[key] not in names and not answers[key].endswith((".toml", ".dbc"))
+        if answers.get(key) and answers[key] not in names and not (is_file(answers[key]) or is_dbc(answers[key]))
     ]
     if unknown:
         raise click.UsageError("\n".join(unknown))
@@ -158,8 +159,8 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
     from rig.matrix.model import Matrix, load_files
 
     filled = {key: _from(folder, answer) for key, answer in answers.items()}
-    dbc = filled["ecu"].endswith(".dbc")
-    filled["roles"] = f'roles = "{filled["ecu"].removesuffix(".dbc")}-roles.toml"' if dbc else "# roles = ..."
+    dbc = is_dbc(filled["ecu"])
+    filled["roles"] = f'roles = "{PurePath(filled["ecu"]).with_suffix("")}-roles.toml"' if dbc else "# roles = ..."
     filled["ecu_table"] = _filled(_template(answers["ecu"]), filled)
     texts = {name: _filled(name, filled) for name in (BENCH, MATRIX)}
     for name, model in (("bench.schema.json", Bench), ("matrix.schema.json", Matrix)):
@@ -216,8 +217,7 @@ def _is_supply(answer: str) -> bool:
 
 def _from(folder: Path, answer: str) -> str:
     """An answer; the path of a file as the folder's files name it."""
-    is_file = answer.endswith((".toml", ".dbc")) and Path(answer).is_file()
-    if not is_file:
+    if not ((is_file(answer) or is_dbc(answer)) and Path(answer).is_file()):
         return answer
     # `..` leads out of the folder that a link leads to.
     named = Path(answer).parent.resolve() / Path(answer).name

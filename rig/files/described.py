@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 LARGEST_DBC_BYTES = 262_144
+LARGEST_XML_BYTES = 4 << 20
+"""Of a KCD, SYM or ARXML file, which needs more text for the same messages."""
 LARGEST_NETWORK_BYTES = 32 << 20
 """Of a DBC that describes a car's whole network: for decoding traffic only."""
 
@@ -85,13 +87,15 @@ def described(kind: str, given: Any) -> Any:  # noqa: ANN401 - a name, a file's 
     return table_of(kind, given)
 
 
-def dbc_text(path: str | Path, largest_bytes: int = LARGEST_DBC_BYTES) -> DbcText:
-    """A DBC file's text: UTF-8, or else as most tools write it.
+def dbc_text(path: str | Path, largest_bytes: int | None = None) -> DbcText:
+    """The text of a DBC file or another network description: UTF-8, or else as most tools write it.
 
     Raises:
         FileProblem: it cannot be read, is too large, or is in neither encoding.
     """
     path = Path(path)
+    if largest_bytes is None:
+        largest_bytes = LARGEST_DBC_BYTES if DbcText(path.name, "").format == "dbc" else LARGEST_XML_BYTES
     data = read_bytes(path, largest_bytes)
     for encoding in ("utf-8-sig", DBC_ENCODING):
         with contextlib.suppress(UnicodeDecodeError):

@@ -10,6 +10,7 @@ from pydantic import Discriminator, Field, Tag
 from drivers.devices.ecu_roles import FAULT_NAMES, ROLE_KEYS, SENDING, STATES
 from drivers.devices.role_protection import KEYS, MODES, PROFILES
 from drivers.devices.role_reading import units_of
+from protocols.j1939 import HIGHEST_ADDRESS
 from rig.files.quantity import Check, Quantity
 from rig.files.section import DescriptionTable, OneOrMore, table_of_words
 
@@ -53,6 +54,7 @@ Duration = Annotated[float, Quantity("time", "0 s", "60 s", above=True)]
 FullScale = Annotated[float, Quantity("current", "0 A", "100000 A", above=True)]
 Byte = Annotated[int, Field(ge=0, le=0xFF)]
 Whole = Annotated[int, Field(ge=0)]
+Address = Annotated[int, Field(ge=0, le=HIGHEST_ADDRESS)]
 
 
 class FaultSignal(DescriptionTable):
@@ -164,6 +166,13 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
     protection: dict[str, Protected] | None = Field(None, description="counter and checksum of each message")
     periods: dict[str, Duration] | None = Field(
         None, description="period of a message, if the DBC file does not state it"
+    )
+    source_address: Address | None = Field(
+        None, description="J1939: address of the ECU (default: the first address from which its messages arrive, if "
+            "the address in the DBC file is the placeholder 0xFE or 0xFF)"
+    )
+    own_address: Address | None = Field(
+        None, description="J1939: source address of the transmitted messages (default: the address in the DBC file)"
     )
     sending: Literal[SENDING] | None = Field(  # type: ignore[valid-type]  # the driver's own list
         None, description="transmission mode of the commands (default cyclic)"

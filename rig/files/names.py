@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-ENDING, DBC_ENDING = ".toml", ".dbc"
+from drivers.devices.dbc_file import ENDINGS as NETWORK_ENDINGS
+
+ENDING = ".toml"
 
 
 def is_file(given: object) -> bool:
@@ -11,5 +13,5 @@ def is_file(given: object) -> bool:
 
 
 def is_dbc(given: object) -> bool:
-    """Whether an entry names a DBC file."""
-    return isinstance(given, str) and given.casefold().endswith(DBC_ENDING)
+    """Whether an entry names a DBC file, or another description of a CAN network (KCD, SYM, ARXML)."""
+    return isinstance(given, str) and given.casefold().endswith(NETWORK_ENDINGS)

@@ -333,3 +333,51 @@ def test_one_value_that_is_no_number_does_not_take_its_frame_with_it(
     assert {Channel(record[4]).name for record in batch.records} == recorded
     missing = {channel.name for channel in source.counters.not_numbers}
     assert missing == {"COIL_TEMPERATURE", "ECU_SUPPLY"} - recorded
+
+
+J1939 = """VERSION ""
+BS_:
+BU_: A B
+BO_ 2565865982 Order: 2 B
+ SG_ Amps : 0|16@1- (0.001,0) [-3|3] "A" A
+BO_ 2566844926 Status: 3 A
+ SG_ Amps : 0|16@1- (0.001,0) [-3|3] "A" B
+ SG_ Coil : 16|8@1+ (1,-40) [0|0] "degC" B
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "J1939PG";
+"""
+J1939_ROLES = {"command": "Order.Amps", "measured_current": "Status.Amps", "coil_temperature": "Status.Coil"}
+
+
+def j1939_currents(identifiers: list[int], **keys: int) -> tuple[CanCurrentSource, list[float]]:
+    made = describe("j1939", parse_dbc(J1939), {**J1939_ROLES, **keys})
+    source = CanCurrentSource(CanPort(CanAddress("virtual", "j1939", 250_000)), made)
+    batch = SourceBatch([], [], [], 0, 0, 0)
+    for number, identifier in enumerate(identifiers):
+        source._take((identifier, struct.pack("<hB", 100 * number, 60), True, False, 3), batch)
+    return source, [status.current_A for status in batch.statuses]
+
+
+def test_j1939_messages_are_known_by_their_parameter_group_and_one_address() -> None:
+    source, currents = j1939_currents([0x18FEF181, 0x0CFEF181, 0x18FEF182, 0x18FEF1FE, 0x18FEF281])
+    assert currents == [0.0, 0.1], "any priority, the first address, this group alone"
+    slug, words = source.refusal
+    assert slug == "can-foreign"
+    assert "0x81, 0x82, 0xFE" in words
+    source, currents = j1939_currents([0x18FEF181, 0x18FEF182, 0x18F08103, 0x18F001FE, 0x18F00105], source_address=0x82)
+    assert (currents, source.refusal) == ([0.1], ("", ""))
+    assert source.counters.foreign_commands == 2, "a command to the same destination, whoever sends it"
+    (frame,) = describe("j1939", parse_dbc(J1939), {**J1939_ROLES, "own_address": 0x21}).sent
+    assert frame.identifier == 0x18F00121
+
+
+def test_frames_that_an_interface_returns_to_their_sender_are_ignored() -> None:
+    can = import_can()
+    port = CanPort(CanAddress("udp_multicast", "ff15::1", 500_000))
+    arrived = [can.Message(arbitration_id=16, data=data, is_extended_id=False) for data in (b"a", b"a", b"b")]
+    port._can, port._bus = can, type("Bus", (), {
+        "send": lambda *_, **__: None, "recv": lambda *_: arrived.pop(0) if arrived else None,
+    })()  # fmt: skip
+    port.send(16, b"a")
+    frames, _ = port.receive(0.0)
+    assert [frame[1] for frame in frames] == [b"a", b"b"], "another sender's frame with the same data is kept"

@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.current_source import SourceCounters
+from drivers.devices.dbc_file import can_database
 from drivers.frame_checks import FrameChecks
-from protocols.errors import RemoteProtocolError
+from protocols.errors import LocalProtocolError, RemoteProtocolError
 from simulators.bit_sums import remainder
 from simulators.ecu_protection import seal_of
 from simulators.ecu_wire import Command, Shown
@@ -155,3 +156,30 @@ def test_a_wrong_data_id_is_named_and_other_damage_is_not_taken_for_it() -> None
         checks.step(wrong.status, wrong.heard[wrong.status], theirs.frame("DriverStatus", SHOWN)[1])
     assert "0xBEEF" in checks.refusal()[1], "what would fit"
     assert "[protection.DriverStatus]" in checks.refusal()[1]
+
+
+@pytest.mark.parametrize("kind", ["kcd", "sym"])
+def test_an_ecu_of_another_network_description_is_the_same(kind: str, tmp_path: Path) -> None:
+    database = can_database(DBC.read_text(encoding="utf-8"))
+    path = tmp_path / f"driver.{kind}"
+    path.write_text(getattr(database, f"as_{kind}_string")(), encoding="utf-8")
+    ecu, theirs = EmulatedEcuFiles(path, ROLES).load(), EmulatedEcuFiles(DBC, ROLES).load()
+    assert ecu.described.signals == theirs.described.signals
+    for name in theirs.periods_us:
+        assert ecu.frame(name, SHOWN) == theirs.frame(name, SHOWN)
+    assert ecu.commands(Command(3, True, False, 1.5)) == theirs.commands(Command(3, True, False, 1.5))
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "expected"),
+    [
+        ("hello", "kcd", "not a readable KCD file: syntax error: line 1"), ("", "arxml", "no element found"),
+        ("hello", "sym", "Only SYM version 6.0"), ('<!DOCTYPE x [<!ENTITY a "b">]><x/>', "kcd", "document type"),
+        ('<a>\n<Signal length="99999999"/>', "kcd", "line 2: 'length=\"99999999': a signal must lie"),
+    ],
+)  # fmt: skip
+def test_a_network_description_that_cannot_be_read_is_refused_with_the_reason(
+    text: str, kind: str, expected: str
+) -> None:
+    with pytest.raises(LocalProtocolError, match=expected):
+        can_database(text, kind)
