@@ -157,9 +157,9 @@ def _check_sizes(text: str, kind: str) -> None:
         LocalProtocolError: a message of too many bytes, or a signal that begins or ends beyond every message.
     """
     if kind != "dbc":
-        if (found := _OTHER_SIZE.search(text)) is not None:
+        if (match := _OTHER_SIZE.search(text)) is not None:
             message = f"a signal must lie within the first {MOST_BITS} bits of its message"
-            raise LocalProtocolError(f"line {text.count(chr(10), 0, found.start()) + 1}: {found[0]!r:.80}: {message}")
+            raise LocalProtocolError(f"line {text.count(chr(10), 0, match.start()) + 1}: {match[0]!r:.80}: {message}")
         if _ENTITY.search(text) is not None:
             raise LocalProtocolError("a document type (<!DOCTYPE, <!ENTITY) is not allowed in a network description")
         return
