@@ -232,9 +232,10 @@ class _Roles:
             low_A, high_A = max(low_A, given.minimum), min(high_A, given.maximum)
         steps = 0.0 if signal.is_float else abs(round(-signal.offset / signal.scale) * signal.scale + signal.offset)
         if not low_A - ZERO_A <= 0.0 <= high_A + ZERO_A or steps > ZERO_A:
+            at = f" (line {given.line} of the DBC file)" if given.line else ""
             self._reading.wrong(
                 (COMMAND,),
-                f"{signal.name}{f' (line {given.line} of the DBC file)' * (given.line > 0)} ranges from {low_A:g} A to {high_A:g} A in "
+                f"{signal.name}{at} ranges from {low_A:g} A to {high_A:g} A in "
                 f"steps of {abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. "
                 "Fix: specify a set-point that can represent 0 A",
             )
