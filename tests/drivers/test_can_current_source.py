@@ -366,7 +366,7 @@ def test_j1939_messages_are_known_by_their_parameter_group_and_one_address() -> 
     assert "0x81, 0x82, 0xFE" in words
     source, currents = j1939_currents([0x18FEF181, 0x18FEF182, 0x18F08103, 0x18F001FE, 0x18F00105], source_address=0x82)
     assert (currents, source.refusal) == ([0.1], ("", ""))
-    assert source.counters.foreign_commands == 2, "a command to the same destination, whoever sends it"
+    assert source.counters.foreign_commands == 2, "a command to the same destination, from any address"
     (frame,) = describe("j1939", parse_dbc(J1939), {**J1939_ROLES, "own_address": 0x21}).sent
     assert frame.identifier == 0x18F00121
 
