@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.devices.dbc_file import ENDINGS as NETWORK_ENDINGS
+from drivers.devices.dbc_file import ENDINGS
 
 ENDING = ".toml"
+NETWORK_ENDINGS = ENDINGS
+"""Endings of files that describe a CAN network."""
 
 
 def is_file(given: object) -> bool:
