@@ -65,7 +65,8 @@ def test_a_logo_is_embedded_and_known_by_its_shape() -> None:
     (SVG.replace(b"url(#g)", b"url(//x/y)"), "refers to another file"),
     (SVG.replace(b"<rect", b"<style>@im/**/port 'x'</style><rect"), "refers to another file"),
     (b'<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "b">]>' + SVG, "entities"), (b"<svg", "not well-formed"),
-    (SVG.replace(b"viewBox", b"box"), "does not state its size"), (SVG.replace(b"40 20\"", b"40 0\""), "does not state its size"),
+    (SVG.replace(b"viewBox", b"box"), "does not state its size"),
+    (SVG.replace(b"40 20\"", b"40 0\""), "does not state its size"),
 ], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
 def test_a_logo_that_could_load_run_or_burst_is_refused(content: bytes, reason: str) -> None:
     with pytest.raises(ValueError, match=reason.replace("(", r"\(")):
