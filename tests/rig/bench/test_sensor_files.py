@@ -92,7 +92,7 @@ def test_every_problem_of_a_format_s_file_is_reported_with_its_line(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("described", "says"), [("a = [", "cell.toml: not valid TOML"), ("x" * 270_000, "larger than 256 KiB")]
+    ("described", "says"), [("a = [", "cell.toml: line 1: not valid TOML"), ("x" * 270_000, "larger than 256 KiB")]
 )
 def test_a_file_that_is_no_format_is_refused(tmp_path: Path, described: str, says: str) -> None:
     assert says in refused(bench(tmp_path, BY_FILE, described=described))[0]

@@ -105,7 +105,7 @@ def test_correlated_residuals_widen_the_intervals(make_synthetic: Make) -> None:
         )
         for test in tests
     ]
-    assert np.mean([each.widening for each in known(slow).residual_parts]) > 8.0
+    assert np.mean([each.widening for each in known(slow).residuals]) > 8.0
 
 
 def test_more_cycles_of_the_same_misfit_do_not_narrow_the_intervals(make_synthetic: Make) -> None:
