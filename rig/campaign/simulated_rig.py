@@ -124,7 +124,7 @@ class SimulatedRig:
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
         with open_to_append(log_path) as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", "simulators", *arguments, *options.simulator_args],
+                [sys.executable, "-P", "-m", "simulators", *arguments, *options.simulator_args],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,

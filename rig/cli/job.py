@@ -81,7 +81,7 @@ class Analyst:
     def __init__(self) -> None:
         self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - lives as long as the process that writes it
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "rig.cli.analyst"],
+            [sys.executable, "-P", "-m", "rig.cli.analyst"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,

@@ -24,4 +24,4 @@ def command(arguments: tuple[str, ...]) -> NoReturn:
     The first line of output is the path to the simulated rig's bench file, for use with `rig run --bench`. Press Ctrl-C
     to stop the rig.
     """
-    os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators", *arguments])

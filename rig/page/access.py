@@ -81,7 +81,10 @@ class Access:
         own = {f"{self.scheme}://{authority}" for authority in self.authorities}
         if len(origins) > 1 or any(origin.lower() not in own for origin in origins):
             return Denied(403, "foreign-origin")
-        given = parse_qs(urlsplit(path).query).get("token", [""])
+        try:
+            given = parse_qs(urlsplit(path).query).get("token", [""])
+        except ValueError:  # an address such as //[
+            return Denied(400, "bad-address")
         matched = [role for role, token in self.tokens.items() if _same(given[0], token)]
         if len(given) != 1 or not matched:
             return Denied(401, "wrong-token")

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.page.commands import WORDS, one_line
 from rig.page.history import History
@@ -33,7 +34,6 @@ LOOK_EVERY_NS = 1_000_000_000
 ANSWER_S = 180.0
 MOST_WAITING = 6
 """Requests of all browsers together, the one that is processed among them."""
-LARGEST_ANSWER_BYTES = 8_000_000
 SERIAL_NUMBER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 LONGEST_REQUALIFIED = 500
 DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -158,6 +158,8 @@ class Desk:
         started = self.started
         if started is None or not started.words or not started.lives or not self.watched.run:
             return
+        if read_json(CampaignFolder(self.watched.run).live_link).get("pid") != started.pid:
+            return  # this run was started in a terminal meanwhile
         if send_message(live / APPLICATION_SOCKET, {"do": "words", "by": started.by, **started.words}):
             self.started = replace(started, words={})
             self.started.keep()
@@ -339,11 +341,13 @@ class Desk:
         Raises:
             Refusal: it refuses, or does not answer.
         """
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "rig.cli.page_answers", stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL, start_new_session=True,
-            limit=LARGEST_ANSWER_BYTES,
-        )
+        try:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, "-P", "-m", "rig.cli.page_answers", stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL, start_new_session=True,
+            )
+        except OSError as error:
+            raise Refusal("page-no-answer", f"The files cannot be evaluated: {error.strerror or error}.") from error
         answer: Any = None
         try:
             async with asyncio.timeout(ANSWER_S):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.station.live_folder import read_json
-from rig.text_file import open_regular
+from rig.text_file import JSON_LIMIT_BYTES, open_regular
 
 EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
@@ -33,6 +34,8 @@ REQUESTED = frozenset({"operator", "sigint", "sigterm"})
 """Codes of stops that were requested before the rig was connected: no refusals."""
 RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
+MOST_READ_BYTES = 1 << 27
+"""Of a journal, from its end."""
 READ_S = 60.0
 CHANNELS = {
     Channel.FORCE: "force", Channel.DISPLACEMENT: "displacement", Channel.COIL_CURRENT: "current",
@@ -87,7 +90,9 @@ class EndedRun:
         """The file named by a point's `file`, in this run's folder even if the run was moved; None: not found."""
         named = Path(str(point.get("file") or "")).name
         path = self._run.points / named
-        return path if named and path.is_file() else None
+        with contextlib.suppress(OSError):  # a name that is too long
+            return path if named and path.is_file() else None
+        return None
 
     def file_of(self, point_id: str) -> Path | None:
         """The file of a recorded point; None if there is none."""
@@ -111,7 +116,7 @@ def _imported(run: CampaignFolder) -> dict[str, Any]:
 def _read_apart(module: str, path: Path) -> bytes | None:
     """What a separate process reads of a file or folder from outside; None if it fails."""
     silent = subprocess.DEVNULL
-    command = [sys.executable, "-m", module, str(path)]
+    command = [sys.executable, "-P", "-m", module, str(path)]
     done = subprocess.run(
         command, stdin=silent, stdout=subprocess.PIPE, stderr=silent, timeout=READ_S, check=False
     )
@@ -157,7 +162,9 @@ def _texts(value: object) -> list[str]:
 
 def _number(value: object) -> float | None:
     """A number of a journal; None for anything else."""
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+    with contextlib.suppress(OverflowError):  # an integer of more than 308 digits
+        return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+    return None
 
 
 def _coil_degC(point: Mapping[str, Any]) -> list[float] | None:
@@ -176,7 +183,8 @@ def _rank(point: dict[str, Any]) -> tuple[int, bool]:
 
 def _events(journal: Path) -> Iterator[dict[str, Any]]:
     with contextlib.suppress(OSError, FileProblem), open_regular(journal) as file:
-        for line in file:
+        file.seek(max(0, os.fstat(file.fileno()).st_size - MOST_READ_BYTES))
+        for line in iter(lambda: file.readline(JSON_LIMIT_BYTES), b""):
             if any(word in line for word in EVENTS):
                 with contextlib.suppress(ValueError, RecursionError):
                     event = json.loads(line)

@@ -1,7 +1,7 @@
 """The matrix files of a folder, as far as a list of them needs: name, serial number, what cannot be used and why.
 
 Nothing here decides anything: the plan reads the files anew, with every check. Names from a browser are looked up in
-the list and never made into paths.
+the list and never made into paths; no link is followed.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rig.text_file import read_text
 LARGEST_BYTES = 262_144
 MOST_FILES = 300
 LONGEST_NAME = 120
+LINK = "is a symbolic link, which may point outside this folder. Fix: copy the matrix file into this folder"
 NO_MATRIX = frozenset({"limits", "actuator", "benchmark", "data", "body", "profile"})
 """Tables of the other files of users."""
 
@@ -52,15 +53,15 @@ class Matrices:
         return matrices, "; ".join(notes)
 
     def path(self, name: object) -> Path | None:
-        """The file of a listed name; None for any other."""
-        listed = {entry["name"] for entry in self.listed()[0]}
+        """The file of a listed name; None for any other, and for a symbolic link."""
+        listed = {entry["name"] for entry in self.listed()[0] if entry["remark"] != LINK}
         return self.folder / name if isinstance(name, str) and name in listed else None
 
     def _entry(self, name: str) -> dict[str, Any] | None:
         """One file; None where it is another of the user's files or is gone."""
         path = self.folder / name
         try:
-            state = path.stat()
+            state = path.lstat()
         except OSError:
             return None
         stamp = state.st_mtime_ns, state.st_size, state.st_ino
@@ -76,6 +77,8 @@ def _usable(name: str) -> bool:
 
 def _described(path: Path) -> dict[str, Any] | None:
     entry = {"name": path.name, "serial_number": "", "remark": ""}
+    if path.is_symlink():
+        return {**entry, "remark": LINK}
     try:
         text = read_text(path, LARGEST_BYTES)
         problem = structure_problem(text)

@@ -39,7 +39,7 @@ class PageProcess:
         """
         settings_json = json.dumps(replace(settings, tied=True).to_json())
         process = subprocess.Popen(
-            [sys.executable, "-m", "rig.page", settings_json], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, "-P", "-m", "rig.page", settings_json], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         answer = cls._answer(process)

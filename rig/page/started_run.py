@@ -63,8 +63,8 @@ class StartedRun:
         with contextlib.ExitStack() as files:
             output, messages = (files.enter_context(_new_file(folder / name)) for name in (OUTPUT, MESSAGES))
             run._process = subprocess.Popen(
-                [sys.executable, "-m", "rig.cli.main", "run", *arguments], stdin=subprocess.DEVNULL, stdout=output,
-                stderr=messages, start_new_session=True,
+                [sys.executable, "-P", "-m", "rig.cli.main", "run", *arguments], stdin=subprocess.DEVNULL,
+                stdout=output, stderr=messages, start_new_session=True,
             )
         run.pid, run.ticks = run._process.pid, _began(run._process.pid)
         run.keep()

@@ -19,7 +19,7 @@ from rig.files.kept_display import kept_display
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import LOCK, PLAN, RESULTS, STATE, held, read_json
-from rig.text_file import open_regular
+from rig.text_file import JSON_LIMIT_BYTES, open_regular
 
 KEPT_EVENTS = 200
 LONGEST_READ = 1 << 20
@@ -214,6 +214,8 @@ class Journal:
             return []
         self._offset += len(data)
         *whole, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > JSON_LIMIT_BYTES:  # no line of a journal
+            self._rest = b""
         events: list[dict[str, Any]] = []
         for line in whole:
             with contextlib.suppress(ValueError, RecursionError):
@@ -243,10 +245,11 @@ def shown_event(event: dict[str, Any]) -> dict[str, Any] | None:
 def devices(station: dict[str, Any]) -> list[dict[str, Any]]:
     """Every device of a station's settings: name, the channel that shows that it lives, and when it is stale (s)."""
     auxiliary = station.get("auxiliary")
+    sensors = auxiliary if isinstance(auxiliary, list) else []
     entries = [
         ("actuator", station.get("actuator"), 23), ("ECU", station.get("ecu"), 10),
         ("load cell", station.get("load_cell"), 1), ("LVDT", station.get("lvdt"), 2),
-        *((str(item.get("name", "")), item, 3 + index) for index, item in enumerate(auxiliary or ())),
+        *((str(item.get("name", "")), item, 3 + index) for index, item in enumerate(sensors) if isinstance(item, dict)),
     ]  # fmt: skip
     named = []
     for name, settings, channel in entries:

@@ -81,7 +81,7 @@ class StationClient:
         log_path = CampaignFolder(folder).station_log
         with open_to_append(log_path) as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", "rig.station", str(config_path)],
+                [sys.executable, "-P", "-m", "rig.station", str(config_path)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,

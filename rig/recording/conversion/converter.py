@@ -67,7 +67,7 @@ class Converter:
         self.close()
         self._unread = b""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
+            [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
         )
 
     def finish(self, journal: Path, *, recovered: bool = False) -> FinishedPoint:

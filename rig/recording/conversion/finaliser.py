@@ -56,7 +56,7 @@ class Finaliser:
         """
         with open_to_append(CampaignFolder(folder).finaliser_log) as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 stderr=log, text=True, start_new_session=True,
             )
         return cls(process, cast("IO[str]", process.stdin), cast("IO[str]", process.stdout))

@@ -47,6 +47,10 @@ def test_a_wrong_token_is_denied(path: str) -> None:
     assert ACCESS.check(path, ["127.0.0.1:8123"], []) == Denied(401, "wrong-token")
 
 
+def test_an_address_that_cannot_be_read_is_denied() -> None:
+    assert ACCESS.check(f"//[{OPEN}", ["127.0.0.1:8123"], []) == Denied(400, "bad-address")
+
+
 def test_every_server_draws_tokens_of_its_own_so_that_an_ended_runs_opens_nothing() -> None:
     ended, running = Access("127.0.0.1", 8123), Access("127.0.0.1", 8123)
     for role in Role:

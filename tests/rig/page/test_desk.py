@@ -17,7 +17,7 @@ from rig.page.desk import MOST_WAITING, Asker, Bench, Desk
 from rig.page.history import History
 from rig.page.matrices import Matrices
 from rig.page.started_run import OUTPUT, StartedRun
-from rig.station.live_folder import DEVICES, make_live_folder, replace_json
+from rig.station.live_folder import APPLICATION_SOCKET, DEVICES, bound, make_live_folder, received, replace_json
 
 MATRIX = '[specimen]\nserial_number = "MR-001"\n[matrix]\n'
 DIGEST = "a" * 64
@@ -229,6 +229,20 @@ def test_a_run_from_a_terminal_is_found_and_nothing_is_started_beside_it(
     assert started.arguments == []
 
 
+def test_the_specimen_of_a_start_is_not_recorded_in_a_run_from_a_terminal(
+    running: Path, desk: AnsweringDesk, started: Started
+) -> None:
+    run = desk.bench.out / "the-run"
+    run.mkdir()
+    with bound(running / APPLICATION_SOCKET) as inbox:
+        for pid, words in ((4, None), (os.getpid(), {"do": "words", "by": "Ada", "specimen": "left damper"})):
+            replace_json(run / "live.json", {"folder": str(running), "pid": pid})
+            start = StartedRun.start(desk.bench.state, (), by="Ada", title="t", utc="u", words={})
+            desk.started = replace(start, words={"specimen": "left damper"}, pid=os.getpid())
+            assert asked(desk, do="plan", matrix="m.toml")["refused"] == "already-running"
+            assert received(inbox) == words
+
+
 def test_a_run_on_other_devices_is_none_of_this_bench(running: Path, bench: Bench, tmp_path: Path) -> None:
     other = replace(bench, devices=frozenset({"port:9"}))
     assert Desk(other, place=tmp_path / "live").look() is False
@@ -271,17 +285,20 @@ def test_matrices_are_listed_by_name_and_hostile_ones_are_named_or_left_out(tmp_
     for name, text in files.items():
         (tmp_path / name).write_text(text)
     os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "link.toml").symlink_to(tmp_path / "good.toml")
     matrices = Matrices(tmp_path)
     listed, note = matrices.listed()
     by_name = {entry["name"]: entry for entry in listed}
     assert sorted(by_name) == [
-        "--out=x.toml", "<b>.toml", "broken.toml", "deep.toml", "good.toml", "number.toml", "pipe.toml"
+        "--out=x.toml", "<b>.toml", "broken.toml", "deep.toml", "good.toml", "link.toml", "number.toml", "pipe.toml"
     ]
     assert (by_name["good.toml"]["serial_number"], by_name["good.toml"]["remark"]) == ("MR-001", "")
     assert all(by_name[name]["remark"] for name in ("broken.toml", "deep.toml", "number.toml", "pipe.toml"))
+    assert by_name["link.toml"]["remark"].startswith("is a symbolic link")
     assert note.startswith("2 files")
     assert matrices.path("--out=x.toml") == tmp_path / "--out=x.toml", "a whole path: no option of a command"
-    assert [matrices.path(name) for name in ("bench.toml", "../good.toml", "bad\nname.toml", 3, None)] == [None] * 5
+    assert [matrices.path(name) for name in ("bench.toml", "../good.toml", "bad\nname.toml", "link.toml", 3, None)] == [
+        None] * 6
     (tmp_path / "good.toml").unlink()
     assert matrices.path("good.toml") is None
 

@@ -68,6 +68,33 @@ def test_a_journal_that_says_little_is_no_reason_to_fail(tmp_path: Path, text: s
     assert EndedRun(tmp_path).file_of("p001") is None
 
 
+@pytest.mark.parametrize("odd", [
+    {"peak_force_rebound_N": 10**400}, {"file": "a" * 300}, {"file": "\0"},
+    {"quality": {"coil_temperature_low_degC": 10**400, "coil_temperature_high_degC": 1}},
+])  # fmt: skip
+def test_values_that_no_run_writes_do_not_end_the_page(tmp_path: Path, odd: dict[str, Any]) -> None:
+    ended = journal(tmp_path, {**RESULT, "points": [{"id": "p001", "verdict": "valid", **odd}]})
+    point = ended.points["p001"]
+    assert (point["verdict"], point["file"], point["peak_force_rebound_N"]) == ("valid", False, None)
+    (tmp_path / "station.json").write_text('{"auxiliary": 3}')
+    assert WatchedRun(tmp_path).description()["devices"] == []
+
+
+def test_a_journal_without_line_ends_is_read_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.page.ended_run.JSON_LIMIT_BYTES", 4000)
+    monkeypatch.setattr("rig.page.watched_run.JSON_LIMIT_BYTES", 4000)
+    ended = journal(tmp_path, {"filling": "x" * 20_000}, RESULT)
+    assert ended.result["valid"] == 1
+    monkeypatch.setattr("rig.page.ended_run.MOST_READ_BYTES", 10_000)
+    with (tmp_path / "journal.jsonl").open("a") as file:
+        file.write("\0" * 10_000)
+    watched = WatchedRun(tmp_path)
+    assert (watched.state()["ended"], [event["text"] for event in watched.news()]) == ({"cut_off": True}, ["Ctrl-C"])
+    with (tmp_path / "journal.jsonl").open("a") as file:
+        file.write(json.dumps({"event": "warning", "text": "later"}) + "\n")
+    assert [event["text"] for event in watched.news()] == ["later"], "what was no line is not kept"
+
+
 def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> None:
     ended = journal(tmp_path, RESULT)
     assert ended.points["p001"]["file"] is False
