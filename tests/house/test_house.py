@@ -78,5 +78,5 @@ def test_imports_make_no_circle() -> None:
 
 def test_child_processes_import_nothing_from_the_working_folder() -> None:
     """`python -m` alone imports a `click.py` or `queue.py` of the folder that the user works in."""
-    broken = [name for name, (path, _) in modules().items() if 'sys.executable, "-m"' in path.read_text(encoding="utf-8")]
-    assert broken == []
+    texts = {name: path.read_text(encoding="utf-8") for name, (path, _) in modules().items()}
+    assert [name for name, text in texts.items() if 'sys.executable, "-m"' in text] == []
