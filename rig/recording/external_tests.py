@@ -537,7 +537,7 @@ def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice])
     """Columns without a single number; the time and the current have their own words."""
     for quantity, choice in choices.items():
         if quantity not in {"time", "current", "commanded_current"} and not np.any(np.isfinite(table[quantity])):
-            way_out = "name another column" if quantity in REQUIRED else "name another column, or omit the column"
+            way_out = "specify another column" if quantity in REQUIRED else "specify another column, or omit the column"
             none = f"none of {len(table[quantity])} rows contains a number"
             yield f"column {choice.text!r}, as {quantity}: {none}; {way_out}"
 

@@ -213,7 +213,7 @@ def test_a_saved_fit_is_loaded_and_an_older_one_is_kept(fit: rig.Fit, tmp_path: 
     replace(fit, warnings=("another",)).save(path)
     assert len(list(path.parent.glob("mine-*.json"))) == 1
     (tmp_path / "notes.json").write_text("{}")
-    with pytest.raises(FileProblem, match="is not a fit"):
+    with pytest.raises(FileProblem, match="does not contain a fit"):
         fit.save(tmp_path / "notes.json")
     assert (tmp_path / "notes.json").read_text() == "{}"
     assert fit.save(tmp_path) == tmp_path / "fit.json"
@@ -271,7 +271,7 @@ def test_a_run_is_a_sequence_of_points(run: rig.Run, tmp_path: Path) -> None:
     assert np.isnan(one.time_s.to_numpy()[run[3].samples :]).all()
     assert float(one.current_A) == 2.0
     assert np.array_equal(run[3].to_xarray().force_N, run[3].force_N)
-    for place, says in (("f2_i3", "did you mean f2_i"), (7, "expected -4 to 3"), (1.5, "expected the id")):
+    for place, says in (("f2_i3", "did you mean f2_i"), (7, "expected -4 to 3"), (1.5, "expected a point id")):
         with pytest.raises(NoSuchEntry, match=says):
             run[place]  # type: ignore[index]  # as people do
 

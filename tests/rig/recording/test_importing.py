@@ -244,9 +244,9 @@ def test_a_column_without_a_number_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileProblem) as caught:
         import_tests([path], columns={**COLUMNS, "temperature": "T:degC"}, out=tmp_path / "out", current_A=0.5)
     force, temperature, _ = caught.value.problems
-    assert force.endswith("as force: none of 2000 rows contains a number; name another column")
-    assert temperature.endswith("as temperature: none of 2000 rows contains a number; name another column, or omit the "
-        "column")
+    assert force.endswith("as force: none of 2000 rows contains a number; specify another column")
+    assert temperature.endswith("as temperature: none of 2000 rows contains a number; specify another column, "
+        "or omit the column")
     assert not (tmp_path / "out").exists()
 
 
