@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -178,8 +179,10 @@ def write_whole(
         before_naming: is given the temporary name when everything is on the disk; what it raises prevents the naming.
 
     Raises:
-        OSError: the disk refused; `final` holds what it held before, and nothing is left beside it.
+        OSError: the disk refused, or `final` is a folder, a pipe or a device; `final` holds what it held before, and
+            nothing is left beside it.
     """
+    _check_replaceable(final)
     partial = final.with_name(final.name + ".tmp")
     file = ReservedFile(partial)
     try:
@@ -193,6 +196,22 @@ def write_whole(
         partial.unlink(missing_ok=True)
         raise
     flush_directory(final.parent)
+
+
+def _check_replaceable(final: Path) -> None:
+    """Refuse to put a file in the place of something else: for root, the rename would replace even `/dev/null`.
+
+    Raises:
+        OSError: it is a folder, a pipe, a socket or a device.
+    """
+    try:
+        mode = final.stat().st_mode
+    except OSError:
+        return  # nothing there; what else is wrong shows when the file is made
+    if stat.S_ISDIR(mode):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(final))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "is a pipe, a socket or a device, not a file", str(final))
 
 
 def write_text_durably(path: Path, text: str) -> None:

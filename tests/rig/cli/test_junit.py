@@ -6,6 +6,7 @@ command were validated against both when it was written.
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -119,8 +120,12 @@ def test_what_ends_a_command_early_is_an_error_and_goes_on(tmp_path: Path, error
 def test_a_file_that_cannot_be_written_is_refused_at_the_start_and_a_warning_at_the_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(FileProblem, match="--junit"), junit_report(tmp_path / "none" / "x.xml", "run"):
-        pytest.fail("the command began")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "stdout").symlink_to(tmp_path / "pipe")
+    for path in (tmp_path / "none" / "x.xml", tmp_path / "pipe", tmp_path / "stdout", tmp_path, Path()):
+        with pytest.raises(FileProblem, match="--junit"), junit_report(path, "run"):
+            pytest.fail("the command began")
+    assert ((tmp_path / "pipe").is_fifo(), (tmp_path / "stdout").is_symlink()) == (True, True), "neither is replaced"
     (tmp_path / "some").mkdir()
     with junit_report(tmp_path / "some" / "x.xml", "run"):
         (tmp_path / "some" / "x.xml").unlink()
