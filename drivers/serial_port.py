@@ -74,7 +74,7 @@ class SerialPort:
         if self.is_open:
             return
         try:
-            if self.url.startswith("socket://"):
+            if self.url.startswith(("socket://", "modbus-tcp://")):
                 self._open_socket()
             else:
                 self._open_serial()

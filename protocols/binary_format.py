@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from protocols.checksums import CHECKSUMS
@@ -19,6 +19,7 @@ from protocols.exchange import Exchange
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 
 LONGEST_FRAME = 256
+_WORD = 2
 SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8, "i64": 8,
          "f32": 4, "f64": 8}  # fmt: skip
 """Bytes of each type: u unsigned, i signed (two's complement), f IEEE float."""
@@ -39,6 +40,7 @@ class Field:
         order: of its bytes.
         bits: lowest and highest bit of it that belong to the field, counted from 0; None: all.
         signed: two's complement.
+        words_swapped: its 16-bit words come in the order opposite to that of the bytes within each of them.
         scale, offset: of the value: number * scale + offset; of the time: microseconds a tick.
         valid: lowest and highest number that is a reading; beyond is an overload.
         overload_values, fault_values: numbers that mean "input out of range" and "sensor broken".
@@ -57,6 +59,7 @@ class Field:
     fault_values: tuple[int, ...] = ()
     overload_bits: int = 0
     fault_bits: int = 0
+    words_swapped: bool = False
 
     @property
     def size(self) -> int:
@@ -65,6 +68,10 @@ class Field:
 
     def getter(self) -> Callable[[bytes], float]:
         """Reads the number from a frame."""
+        if self.words_swapped and self.size > _WORD:
+            places = range(self.at + self.size - _WORD, self.at - 1, -_WORD)
+            get = replace(self, at=0, words_swapped=False).getter()
+            return lambda frame: get(b"".join(frame[place : place + _WORD] for place in places))
         at, end, order, signed = self.at, self.at + self.size, self.order, self.signed
         if self.type.startswith("f"):
             read = struct.Struct(_FLOATS[self.size][order]).unpack_from

@@ -251,7 +251,7 @@ def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Proble
             "and type"))
     problems += _packed_problems(made, values) if made.packed else _framing_problems(made, values)
     for name, item in made.fields.items():
-        problems += ((("fields", name, *place), text) for place, text in _field_problems(name, item, made))
+        problems += ((("fields", name, *place), text) for place, text in field_problems(name, item, made))
     return problems
 
 
@@ -350,7 +350,8 @@ def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Pr
             yield ("fields", name, key), "cannot be combined with packed, which already defines the bits"
 
 
-def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
+def field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
+    """What is wrong with a field: numbers that it cannot hold, entries that do not belong to its type."""
     counts = name in {"sequence", "time"}
     if item.type.startswith("f"):
         if counts or name == "status":

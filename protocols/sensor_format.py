@@ -17,9 +17,11 @@ from protocols.errors import LocalProtocolError
 from protocols.exchange import Exchange
 from protocols.format_checks import frame_problems, line_problems, pattern_of
 from protocols.line_format import LineFormat
+from protocols.modbus_format import FRAMINGS, modbus_format
 from protocols.sensor_presets import TABLES
 
 SensorFormat = LineFormat | BinaryFormat
+KINDS = ("lines", "frames", "modbus")
 
 _BYTES = frozenset({"start", "terminator", "start_command", "stop_command", "request", "sync", "end"})
 """Keys of byte strings, which are written as ASCII text or as a list of numbers."""
@@ -42,7 +44,7 @@ def from_description(table: Table) -> SensorFormat:
     values = {key: _plain(key, value) for key, value in whole.items()}
     made: SensorFormat | None = None
     if not problems:
-        made = _frames(values, problems) if kind_of(whole) == "frames" else _lines(values, problems)
+        made = {"frames": _frames, "lines": _lines, "modbus": modbus_format}[kind_of(whole)](values, problems)
     if problems or made is None:
         raise DescriptionProblems(f"sensor format {str(name)!r}", problems)
     return made
@@ -69,12 +71,38 @@ def _with_base(table: Table, problems: list[Problem]) -> Table:
 
 
 def kind_of(table: Table) -> str:
-    """What a table describes, "frames" or "lines": as stated, or by keys that only one of the two has."""
+    """What a table describes, "frames", "lines" or "modbus": as stated, or by keys that only one of them has."""
     table = _with_base(table, [])
     stated = table.get("kind")
-    if isinstance(stated, str) and stated in {"lines", "frames"}:
+    if isinstance(stated, str) and stated in KINDS:
         return stated
+    if isinstance(table.get("address"), int):
+        return "modbus"
     return "frames" if table.keys() & {"fields", "packed", "sync"} and "pattern" not in table else "lines"
+
+
+def modbus_framing(given: str | Table) -> str:
+    """Framing of a format that reads Modbus registers, "tcp" or "rtu"; empty for any other.
+
+    Args:
+        given: the name of a format, or a table.
+    """
+    table = _with_base(TABLES.get(given, {}) if isinstance(given, str) else given, [])
+    return str(table.get("framing", FRAMINGS[0])) if kind_of(table) == "modbus" else ""
+
+
+def modbus_request(given: str | Table) -> bytes:
+    """What is sent for each reading of a format that reads Modbus registers; b"" for any other.
+
+    Args:
+        given: the name of a format, or a valid table.
+
+    Raises:
+        DescriptionProblems: the table contradicts itself.
+    """
+    if not modbus_framing(given):
+        return b""
+    return (preset(given) if isinstance(given, str) else from_description(given)).exchange.request
 
 
 def _plain(key: str, value: Any) -> Any:  # noqa: ANN401 - whatever the key holds

@@ -98,6 +98,13 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
             "value": {"at": 3, "type": "i24"},
         },
     },
+    "labjack-t": {
+        "description": "LabJack T4, T7, T8 over Modbus TCP: the voltage at AIN0; AINn has the address 2 n",
+        "kind": "modbus", "function": "holding", "address": 0, "type": "f32", "unit": "V",
+        # A T7 shows -9999 for an input that is not there or over range.
+        "valid": [-13.0, 13.0],
+        "nominal_rate_Hz": 200.0,
+    },
     "msc7xxx": {
         "description": "Micro-Epsilon MSC7401, MSC7602, MSC7802 over RS485, 256 kBd 8E1: the unscaled value in V",
         **_MSC,
@@ -135,6 +142,7 @@ DOCUMENTS: Mapping[str, str] = {
     "hbm-clipx": "HBM ClipX manual A04643, framing and the question mark; object number from a user's driver",
     "mantracourt": "Mantracourt DSC user manual, page 50",
     "scaime-scmbus": "Scaime eNod4-F manual NU-Soft-eNod4F-E-0716, 4.4.2 and 9.1.6",
+    "labjack-t": "LabJack T-Series datasheet, 3.1 Modbus map and 14.0 AIN",
     "msc7xxx": _MSC_DOCUMENT,
     "msc7xxx-scaled": _MSC_DOCUMENT,
     "optoncdt": "Micro-Epsilon optoNCDT 1420 manual, 7.5.2.1 and 8.2",

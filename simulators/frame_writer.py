@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import struct
 
@@ -119,6 +120,12 @@ class FrameWriter:
     def _put(self, frame: bytearray, item: Field, number: float) -> None:
         """A number in its place, among the bits of others."""
         size, big = item.size, item.order == "big"
+        if item.words_swapped and size > 2:
+            whole = bytearray(item.at + size)
+            self._put(whole, dataclasses.replace(item, words_swapped=False), number)
+            words = [whole[at : at + 2] for at in range(item.at, item.at + size, 2)]
+            frame[item.at : item.at + size] = b"".join(reversed(words))
+            return
         if item.type.startswith("f"):
             frame[item.at : item.at + size] = struct.pack(f"{'>' if big else '<'}{'f' if size == 4 else 'd'}", number)
             return

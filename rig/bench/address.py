@@ -46,6 +46,9 @@ def serial_url(text: str) -> str:
         ValueError: an unknown scheme, or no host and port where the scheme needs them.
     """
     scheme, separator, _ = text.partition("://")
+    if scheme == LinkKind.MODBUS_TCP:
+        _host_and_port(text, "modbus-tcp://192.168.0.40:502")
+        return text
     if not separator:
         name, colon, rest = text.partition(":")
         if colon and (name in SCHEMES or (rest.isdigit() and "/" not in name)):

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
 from protocols.descriptions import Problem
+from protocols.sensor_format import modbus_request
 from rig import units
 from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
@@ -162,12 +163,16 @@ class Bench(Section):
 
     def _shared_ports(self) -> list[Problem]:
         problems: list[Problem] = []
-        owners: dict[str, str] = {}
+        owners: dict[tuple[str, bytes], str] = {}
         for place, sensor in self._sensors().items():
-            if (owner := owners.get(sensor.url)) is not None:
-                problems.append(((*place, "url"), f"is already used by {owner}; every sensor requires its own "
-                    "port"))
-            owners.setdefault(sensor.url, str(place[0]))
+            # A Modbus TCP server has several registers and takes several connections.
+            register = modbus_request(sensor.described) if sensor.url.startswith("modbus-tcp://") else b""
+            if (owner := owners.get((sensor.url, register))) is not None:
+                text = f"is already used by {owner}; every sensor requires its own port"
+                if register:
+                    text = f"and format read the same register as {owner}; every sensor requires its own register"
+                problems.append(((*place, "url"), text))
+            owners.setdefault((sensor.url, register), str(place[0]))
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
             text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
             problems.append((("ecu", "url"), text))

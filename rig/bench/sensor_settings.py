@@ -14,6 +14,7 @@ from drivers.connection import LineSettings
 from drivers.plugins import BrokenPlugIn
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
+from protocols.sensor_format import modbus_framing
 from rig import units
 from rig.bench import address
 from rig.files.described import DescribedBy, described
@@ -261,6 +262,11 @@ class SensorConfig(Settings):
         """A calibration has the sensor's own dimension."""
         for place, text in (*self.calibration.problems_with(self.dimension), *self._unit_problems()):
             yield ("calibration", *place), text
+        if self.url.startswith("modbus-tcp://") and modbus_framing(self.described) != "tcp":
+            yield ("url",), (
+                'modbus-tcp:// requires a format of kind "modbus" with framing "tcp". Fix: specify such a format, or '
+                "write socket:// for another protocol"
+            )
 
     def _unit_problems(self) -> Iterator[Problem]:
         """The format's unit, where it states one, is the calibration's."""

@@ -74,9 +74,9 @@ def _supply() -> dict[str, Any]:
 
 def _sensor_format() -> dict[str, Any]:
     # loads pydantic: not needed for the help
-    from rig.files.sensor_format import FrameFormatFile, LineFormatFile
+    from rig.files.sensor_format import FrameFormatFile, LineFormatFile, ModbusFormatFile
 
-    return _either(LineFormatFile, FrameFormatFile)
+    return _either(LineFormatFile, FrameFormatFile, ModbusFormatFile)
 
 
 def _either(*models: type[BaseModel]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from pydantic import Field
 from protocols.binary_format import LETTERS, ORDERS, SIZES, STUFFINGS
 from protocols.checksums import FRAME_CHECKSUMS, LINE_CHECKSUMS
 from protocols.line_format import LONGEST_LINE, NUMBERS, SIGNS
+from protocols.modbus_format import FRAMINGS, FUNCTIONS, TYPES
 from protocols.sensor_format import kind_of
 from rig.files.quantity import Check
 from rig.files.section import DescriptionTable
@@ -63,13 +64,13 @@ Order = Literal[ORDERS]  # type: ignore[valid-type]  # the format's own list ser
 Status = Literal["ok", "overload", "fault"]
 
 
-class _Format(DescriptionTable):
-    """Entries of both kinds."""
+class _AnyFormat(DescriptionTable):
+    """Entries of every kind."""
 
     name: str | None = Field(None, description="name used in messages and recordings")
     base: str | None = Field(None, description="name of a preset that supplies the entries missing from this table")
-    kind: Literal["lines", "frames"] | None = Field(
-        None, description="lines of text or frames of bytes; default: inferred from the other keys"
+    kind: Literal["lines", "frames", "modbus"] | None = Field(
+        None, description="lines of text, frames of bytes or Modbus registers; default: inferred from the other keys"
     )
     description: str | None = Field(None, description="manufacturer, device and manual for this format; for "
         "information only")
@@ -77,6 +78,14 @@ class _Format(DescriptionTable):
     nominal_rate_Hz: float | None = Field(
         None, ge=1e-3, le=1e6, description="readings per second, used if the bench file does not specify the rate"
     )
+    answer_timeout_ms: float | None = Field(
+        None, ge=1, le=5000, description="maximum time to wait for the answer to a request (default 100)"
+    )
+
+
+class _Format(_AnyFormat):
+    """Entries of lines and frames."""
+
     start_command: Bytes | None = Field(
         None, description="command sent when the port is opened, to start continuous transmission"
     )
@@ -84,9 +93,6 @@ class _Format(DescriptionTable):
     request: Bytes | None = Field(
         None, description="request sent for each reading, at the bench file's rate; {address} in the text is replaced "
             "by `address`"
-    )
-    answer_timeout_ms: float | None = Field(
-        None, ge=1, le=5000, description="maximum time to wait for the answer to a request (default 100)"
     )
     address: str | None = Field(None, description="address that replaces {address} in the request, the commands and "
         "the pattern")
@@ -231,6 +237,56 @@ class FrameFormatFile(_Format):
     checksum_order: Order | None = Field(None, description="byte order (default: that of the frame)")
 
 
-def model_of(table: Mapping[str, Any]) -> type[LineFormatFile] | type[FrameFormatFile]:
+Register = Annotated[int, Field(ge=0, le=999_999)]
+
+
+class StatusRegister(DescriptionTable):
+    """A register whose bits state the condition of the sensor."""
+
+    address: Register = Field(examples=[1])
+    overload_bits: Mask | None = Field(None, description="mask of the bits that mean that the input is out of range")
+    fault_bits: Mask | None = Field(None, description="mask of the bits that mean that the sensor is broken")
+
+
+class ModbusFormatFile(_AnyFormat):
+    """A Modbus register that is read for each reading."""
+
+    framing: Literal[FRAMINGS] | None = Field(  # type: ignore[valid-type]  # the format's own list
+        None, description="tcp: Modbus TCP; rtu: Modbus RTU on a serial line or through a gateway (default tcp)"
+    )
+    device_id: Byte | None = Field(None, description="Modbus unit address (default 1)")
+    function: Literal[tuple(FUNCTIONS)] | None = Field(  # type: ignore[valid-type]  # the format's own list
+        None, description="holding registers (function 3) or input registers (function 4); default holding"
+    )
+    address: Register | None = Field(None, description="address of the first register of the reading")
+    first_address: Register | None = Field(
+        None, description="number in the manual of the register with address 0, such as 1 or 40001 (default 0)"
+    )
+    type: Literal[TYPES] | None = Field(  # type: ignore[valid-type]  # the format's own list
+        None, description="u (unsigned), i (signed) or f (float), followed by the number of bits (default u16)"
+    )
+    word_order: Order | None = Field(None, description="big: the first register has the high word (default big)")
+    byte_order: Order | None = Field(None, description="order of the bytes in a register (default big)")
+    scale: float | None = Field(None, description="scale in value = number * scale + offset (default 1)")
+    offset: float | None = Field(None, description="see scale (default 0)")
+    valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
+        None, description="[lowest, highest] valid number; a number outside this range is an overload"
+    )
+    overload_values: tuple[int, ...] | None = Field(
+        None, description="numbers that mean that the input is out of range"
+    )
+    fault_values: tuple[int, ...] | None = Field(
+        None, description="numbers that mean that the sensor is broken or not connected"
+    )
+    status: StatusRegister | None = Field(None, description="register with status bits, read with the reading")
+
+
+FormatFile = LineFormatFile | FrameFormatFile | ModbusFormatFile
+_MODELS: Mapping[str, type[FormatFile]] = {
+    "lines": LineFormatFile, "frames": FrameFormatFile, "modbus": ModbusFormatFile,
+}  # fmt: skip
+
+
+def model_of(table: Mapping[str, Any]) -> type[FormatFile]:
     """What a table must fit."""
-    return FrameFormatFile if kind_of(table) == "frames" else LineFormatFile
+    return _MODELS[kind_of(table)]

@@ -12,7 +12,7 @@ from protocols.binary_format import BinaryFormat
 from protocols.line_format import LineFormat
 from protocols.sensor_format import from_description
 from rig.files.section import Section
-from rig.files.sensor_format import FieldEntry, FrameFormatFile, LineFormatFile
+from rig.files.sensor_format import FieldEntry, FrameFormatFile, LineFormatFile, ModbusFormatFile
 from simulators.emulated_format import span_of, writer
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/add-a-sensor-format.md").read_text(encoding="utf-8")
@@ -46,6 +46,6 @@ def test_the_overload_of_the_page_is_one() -> None:
     assert made.decode(b"ST,  OL    kN")[1] == 1
 
 
-@pytest.mark.parametrize("model", [LineFormatFile, FrameFormatFile, FieldEntry])
+@pytest.mark.parametrize("model", [LineFormatFile, FrameFormatFile, ModbusFormatFile, FieldEntry])
 def test_every_key_is_on_the_page(model: type[Section]) -> None:
     assert [key for key in model.model_fields if f"`{key}`" not in PAGE] == []

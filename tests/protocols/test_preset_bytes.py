@@ -37,6 +37,9 @@ BYTES: list[tuple[str, bytes, list[tuple[float, int]]]] = [
     # IF2030/ENETIP manual A 3.11, its own example: 0.88 V, scaled value 0.
     ("msc7xxx", bytes.fromhex("68 0B 0B 68 01 7E 08 AE 47 61 3F 00 00 00 00 1C 16"), [(0.88, 0)]),
     ("msc7xxx-scaled", bytes.fromhex("68 0B 0B 68 01 7E 08 AE 47 61 3F 00 00 00 00 1C 16"), [(0.0, 0)]),
+    # Modbus TCP answers to function 3: header, unit 1, 4 bytes; LabJack floats are IEEE, high word first.
+    ("labjack-t", bytes.fromhex("0001 0000 0007 01 03 04 40200000 0001 0000 0007 01 03 04 C61C3C00"),
+     [(2.5, 0), (NAN, STATUS_OVERLOAD)]),
     # optoNCDT 1420 manual 8.2: L 00 D5..D0, M 01 D11..D6, H 10 D17..D12; 7.5.2.1: start of range 643, end 64877; error
     # values have 18 bits. 643 = 000000 001010 000011; 32760 = 000111 111111 111000; 262075 = 111111 111111 111011.
     ("optoncdt", bytes.fromhex("87 034A80 387F87 3B7FBF"), [(643.0, 0), (32760.0, 0), (NAN, STATUS_OVERLOAD)]),
@@ -46,6 +49,7 @@ BYTES: list[tuple[str, bytes, list[tuple[float, int]]]] = [
 REQUESTS = {
     "hbm-clipx": b"SDO? 0x44f0,4\n",
     "mantracourt": b"!001:SOUT?\r",
+    "labjack-t": bytes.fromhex("0001 0000 0006 01 03 0000 0002"),
     # MSC7xxx manual A 4.4: short frame 10, destination 7E, source 01, 4C, sum of these three, 16.
     "msc7xxx": bytes.fromhex("10 7E 01 4C CB 16"),
     "msc7xxx-scaled": bytes.fromhex("10 7E 01 4C CB 16"),

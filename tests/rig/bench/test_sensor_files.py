@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -159,3 +160,18 @@ def test_points_in_another_unit_than_the_format_s_are_refused(tmp_path: Path) ->
     points = (CALIBRATION, 'points = [["0 mV/V", "0 N"], ["2 mV/V", "10 kN"]]')
     (problem,) = refused(bench(tmp_path, BY_FILE, points, described='unit = "kN"\n' + FORMAT))
     assert "the format's unit is kN" in problem
+
+
+def test_the_labjack_page_s_sensors_share_a_device_but_no_register(tmp_path: Path) -> None:
+    page = (EXAMPLES.parent / "docs/how-to/use-a-labjack.md").read_text(encoding="utf-8")
+    sensors = page.partition("```toml\n")[2].partition("```")[0]
+    others = re.sub(r"\[(?:load_cell|lvdt)(?:\.calibration)?\][^\[]*", "", TEXT)
+    path = tmp_path / "bench.toml"
+    path.write_text(others + sensors, encoding="utf-8")
+    loaded = Bench.load(path)
+    assert loaded.load_cell.sensitivity == 2000.0
+    assert loaded.lvdt.sensitivity == pytest.approx(0.01)
+    path.write_text(others + sensors.replace("address = 2", "address = 0"), encoding="utf-8")
+    assert "the same register as load_cell" in refused(path)[0]
+    path.write_text(others + sensors.replace('"labjack-t" ', '"frame16" '), encoding="utf-8")
+    assert 'requires a format of kind "modbus"' in refused(path)[0]

@@ -1,0 +1,102 @@
+"""A sensor whose readings are Modbus registers: the request for one, and its answer as a binary frame.
+
+The device is the server; each reading is one request (function 3 or 4) and one answer, framed as Modbus TCP or as
+Modbus RTU (Modbus Application Protocol V1.1b3, MODBUS Messaging on TCP/IP V1.0b, MODBUS over Serial Line V1.02).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from protocols.binary_format import SIZES, BinaryFormat, Field
+from protocols.checksums import CHECKSUMS
+from protocols.descriptions import Problem
+from protocols.exchange import Exchange
+from protocols.format_checks import field_problems
+
+FRAMINGS = ("tcp", "rtu")
+FUNCTIONS: Mapping[str, int] = {"holding": 3, "input": 4}
+TYPES = ("u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64")
+LAST_ADDRESS = 0xFFFF
+MOST_REGISTERS = 125
+"""Registers of one request."""
+_TRANSACTION = bytes([0, 1, 0, 0])
+"""Transaction and protocol identifier: requests go out one at a time, so that all may have the same."""
+_CRC = "crc16-modbus"
+
+
+def modbus_format(values: Mapping[str, Any], problems: list[Problem]) -> BinaryFormat | None:
+    """The format of one register; None, with its problems added, where entries contradict each other.
+
+    Args:
+        values: entries of a table of kind "modbus", each of its type and range.
+        problems: what is wrong is added.
+    """
+    type_, status = values.get("type", "u16"), values.get("status")
+    count = SIZES[type_] // 2
+    base = values.get("first_address", 0)
+    _check_addresses(values, count, problems)
+    if problems:
+        return None
+    first = values["address"] - base
+    place = first if status is None else status["address"] - base
+    begin, end = min(first, place), max(first + count, place + 1)
+    if end - begin > MOST_REGISTERS:
+        text = f"is too far from the address of the reading; one request reads at most {MOST_REGISTERS} registers"
+        problems.append((("status", "address"), text))
+        return None
+    unit, function = values.get("device_id", 1), FUNCTIONS[values.get("function", "holding")]
+    asked = bytes([unit, function, *begin.to_bytes(2, "big"), *(end - begin).to_bytes(2, "big")])
+    head, data = bytes([unit, function, 2 * (end - begin)]), 2 * (end - begin)
+    rtu = values.get("framing", FRAMINGS[0]) == "rtu"
+    if rtu:
+        asked += CHECKSUMS[_CRC].of(asked).to_bytes(2, "little")
+        sync, length = head, len(head) + data + 2
+    else:
+        asked = _TRANSACTION + len(asked).to_bytes(2, "big") + asked
+        sync = _TRANSACTION + (len(head) + data).to_bytes(2, "big") + head
+        length = len(sync) + data
+    fields = {"value": _value(values, type_, len(sync) + 2 * (first - begin))}
+    if status is not None:
+        masks = {key: status[key] for key in ("overload_bits", "fault_bits") if key in status}
+        at = len(sync) + 2 * (place - begin)
+        fields["status"] = Field(at, "u16", values.get("byte_order", "big"), **masks)
+    made = BinaryFormat(
+        name=values.get("name", "custom"), sync=sync, length=length, fields=fields,
+        checksum=_CRC if rtu else "none", checksum_at=length - 2, checksum_over=(0, length - 3),
+        checksum_order="little", unit=values.get("unit", "N"), nominal_rate_Hz=values.get("nominal_rate_Hz"),
+        exchange=Exchange(request=asked, answer_timeout_s=1e-3 * values.get("answer_timeout_ms", 100.0)),
+    )  # fmt: skip
+    for name, field in fields.items():
+        problems += (((*(("status",) * (name == "status")), *place), text)
+                     for place, text in field_problems(name, field, made))  # fmt: skip
+    return None if problems else made
+
+
+def _value(values: Mapping[str, Any], type_: str, at: int) -> Field:
+    """The field of the value: its registers in their order, the bytes of each in theirs."""
+    orders = values.get("word_order", "big"), values.get("byte_order", "big")
+    same = ("scale", "offset", "valid", "overload_values", "fault_values")
+    return Field(
+        at, type_, orders[1], signed=type_.startswith("i"), words_swapped=orders[0] != orders[1],
+        **{key: values[key] for key in same if key in values},
+    )
+
+
+def _check_addresses(values: Mapping[str, Any], count: int, problems: list[Problem]) -> None:
+    """Registers that are missing, or lie outside the address range."""
+    if "address" not in values:
+        problems.append(((), "key 'address' is missing; it states the address of the first register of the reading"))
+        return
+    base = values.get("first_address", 0)
+    status = values.get("status")
+    places = [(("address",), values["address"], count)]
+    if status is not None:
+        places.append((("status", "address"), status["address"], 1))
+    for place, register, registers in places:
+        if not base <= register <= base + LAST_ADDRESS + 1 - registers:
+            last = base + LAST_ADDRESS + 1 - registers
+            problems.append((place, f"must be from {base} (first_address) to {last}"))
+    if status is not None and not problems and places[0][1] <= status["address"] < places[0][1] + count:
+        problems.append((("status", "address"), "belongs to the value"))
