@@ -11,7 +11,7 @@ from typing import Any
 
 from protocols.binary_format import SIZES, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
-from protocols.descriptions import Problem
+from protocols.descriptions import Place, Problem
 from protocols.exchange import Exchange
 from protocols.format_checks import field_problems
 
@@ -91,7 +91,7 @@ def _check_addresses(values: Mapping[str, Any], count: int, problems: list[Probl
         return
     base = values.get("first_address", 0)
     status = values.get("status")
-    places = [(("address",), values["address"], count)]
+    places: list[tuple[Place, int, int]] = [(("address",), values["address"], count)]
     if status is not None:
         places.append((("status", "address"), status["address"], 1))
     for place, register, registers in places:
