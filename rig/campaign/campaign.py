@@ -31,6 +31,8 @@ from rig.campaign.setup import (
     campaign_folder,
     check_calibrations,
     note_session,
+    plan_digest,
+    same_plan,
     write_description,
 )
 from rig.campaign.simulated_rig import rig_in_use
@@ -73,8 +75,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("expected either a bench file or --simulate, got both or neither")
-    matrix = load_matrix(options.matrix_path).of_specimen(options.serial_number)
-    known = None if options.bench_path is None else Bench.load(options.bench_path)
+    matrix, known = _as_planned(options)
     if live is not None:
         live.belongs_to((options.resume_path or options.out / "run").parent, () if known is None else devices_of(known))
     if known is not None:
@@ -108,6 +109,20 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
             rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
         rig.disk_refuses = ended.stopped_by in DISK
         return ended
+
+
+def _as_planned(options: CampaignOptions) -> tuple[Matrix, Bench | None]:
+    """The matrix, and the bench if it is known.
+
+    Raises:
+        FileProblem: one of the files cannot be used.
+        Refused: they are not those of the plan that the operator saw.
+    """
+    matrix = load_matrix(options.matrix_path)
+    bench = None if options.bench_path is None else Bench.load(options.bench_path)
+    if options.planned and options.bench_path is not None and bench is not None:
+        same_plan(options.planned, plan_digest(options.matrix_path, options.bench_path, matrix, bench))
+    return matrix.of_specimen(options.serial_number), bench
 
 
 def _paged(live: LiveLink | None) -> LiveLink | None:

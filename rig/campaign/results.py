@@ -50,6 +50,7 @@ class CampaignOptions:
         serial_number: of the specimen, where it is not the one in the matrix file; empty: as in the file.
         confirmed: codes of the stops whose causes the operator has confirmed before resuming; None: resuming confirms
             all of them, as at the terminal, where they are printed.
+        planned: `plan_digest` of the plan that the operator saw on a page; empty: none.
     """
 
     matrix_path: Path
@@ -64,6 +65,7 @@ class CampaignOptions:
     attended: bool = False
     serial_number: str = ""
     confirmed: frozenset[str] | None = None
+    planned: str = ""
 
 
 @dataclass(frozen=True)

@@ -146,6 +146,7 @@ def command(
             attended=_attended(as_json=as_json),
             serial_number=serial_number or "",
             confirmed=None if confirmed is None else frozenset(filter(None, confirmed.split(","))),
+            planned=planned or "",
         )
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from rig.campaign import campaign
 from rig.campaign.file_copies import keep_matrix, with_serial_number
+from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import plan_digest, same_plan
 from rig.cli.page_answers import answered
 from rig.errors import EXIT_REFUSED, FileProblem, Refused
 from rig.matrix.model import load_files, load_matrix
+from simulators.scenarios.scenario import Silent
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples"
@@ -69,6 +72,18 @@ def test_a_file_that_was_changed_after_its_plan_is_refused(lab: Path, name: str)
     with pytest.raises(Refused) as caught:
         same_plan(planned, plan_digest(*paths, *load_files(*paths)))
     assert (caught.value.slug, caught.value.exit_code) == ("plan-changed", EXIT_REFUSED)
+
+
+def test_a_file_that_changes_while_the_run_starts_is_refused_before_anything_is_made(lab: Path) -> None:
+    paths = lab / "quick.toml", lab / "demo-bench.toml"
+    planned = plan_digest(*paths, *load_files(*paths))
+    options = CampaignOptions(paths[0], lab / "out", bench_path=paths[1], planned=planned, serial_number="MR-7")
+    matrix, bench = campaign._as_planned(options)
+    assert (matrix.specimen.serial_number, bench is None) == ("MR-7", False)
+    paths[0].write_text(paths[0].read_text().replace("1.5 A", "1.4 A"))
+    with pytest.raises(Refused) as caught:
+        campaign.run_campaign(options, Silent())
+    assert (caught.value.slug, (lab / "out").exists()) == ("plan-changed", False)
 
 
 def test_a_page_is_answered_with_the_plan_of_the_command_or_its_refusal(lab: Path) -> None:
