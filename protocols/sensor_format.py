@@ -41,10 +41,13 @@ def from_description(table: Table) -> SensorFormat:
     problems: list[Problem] = []
     name = table.get("name", "custom")
     whole = _with_base(table, problems)
+    kind, of_base = kind_of(whole), kind_of(TABLES.get(str(table.get("base")), whole))
+    if kind != of_base and "modbus" in {kind, of_base}:
+        problems.append((("base",), f"{table['base']!r} describes {of_base}, but this table describes {kind}"))
     values = {key: _plain(key, value) for key, value in whole.items()}
     made: SensorFormat | None = None
     if not problems:
-        made = {"frames": _frames, "lines": _lines, "modbus": modbus_format}[kind_of(whole)](values, problems)
+        made = {"frames": _frames, "lines": _lines, "modbus": modbus_format}[kind](values, problems)
     if problems or made is None:
         raise DescriptionProblems(f"sensor format {str(name)!r}", problems)
     return made

@@ -42,7 +42,7 @@ def refused_format(table: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines' or 'frames'"),
+        ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines', 'frames' or 'modbus'"),
         ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 levels deep"),
         ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
         ({"columns": {"value": 1}, "separator": "é"}, "one ASCII character"),

@@ -74,6 +74,9 @@ def test_every_order_of_words_and_bytes(words: str, octets: str, expected: str) 
         ({"address": 0, "status": {"address": 0, "fault_bits": 1}}, "belongs to the value"),
         ({"address": 0, "status": {"address": 1}}, "has no entries"),
         ({"address": 0, "overload_values": [70000]}, "70000"), ({"address": 0, "request": "?"}, "request"),
+        ({"kind": "modbus", "base": "mantracourt"}, "describes lines"),
+        ({"address": 1, "base": "flintec"}, "describes lines"),
+        ({"kind": "lines", "base": "labjack-t"}, "describes modbus"),
         ({"address": 0, "type": "f32", "fault_values": [1]}, ""), ({"address": 0, "type": "u8"}, "u16"),
     ],
 )  # fmt: skip
