@@ -107,13 +107,14 @@ class Popen:
         text, start_new_session = options.pop("text", False), options.pop("start_new_session", False)
         if options:
             raise TypeError(f"not supported in a scenario: {', '.join(sorted(options))}")
-        name, parent = arguments[2], machine.here
+        module = arguments.index("-m") + 1
+        name, parent = arguments[module], machine.here
         program = machine.programs[name]
         log = parent.stderr if parent is not None else None
         if stderr is not None and isinstance(getattr(stderr, "name", None), str):
             log = Path(stderr.name)
         self._machine = machine
-        process = machine.start(name, lambda: program(arguments[3:]), parent=parent, stderr=log, begin=False)
+        process = machine.start(name, lambda: program(arguments[module + 1 :]), parent=parent, stderr=log, begin=False)
         if parent is not None and not start_new_session:
             process.group = parent.group
         self.stdin = self.stdout = None
