@@ -56,6 +56,8 @@ class CampaignFolder:
     matrix = _Inside("matrix.toml")
     records = _Inside("records")
     """Folder of the files that the matrix names."""
+    details = _Inside("details.toml")
+    """Of an imported run: `[report]` and `[display]`, which a recorded run has in its matrix file."""
     journal = _Inside("journal.jsonl")
     reserve = _Inside("journal.reserve")
     """Room for the journal's last lines on a full disk."""

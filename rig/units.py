@@ -89,6 +89,36 @@ ALIASES = {
     "°C": "degC", "°F": "degF", "Ω": "ohm", "mΩ": "mohm", "kΩ": "kohm",
 }  # fmt: skip
 
+WORDS = {
+    "sec": "s", "sec.": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
+    "milliseconds": "ms", "usec": "us", "microseconds": "us", "minutes": "min", "hours": "h", "day": "d", "days": "d",
+    "metre": "m", "meter": "m", "metres": "m", "meters": "m", "millimetre": "mm", "millimeter": "mm",
+    "millimetres": "mm", "millimeters": "mm", "centimeters": "cm", "centimetres": "cm", "micron": "um", "microns": "um",
+    "micrometer": "um", "micrometre": "um", "micrometers": "um", "micrometres": "um",
+    "inch": "in", "inches": "in", '"': "in", "mils": "mil", "thou": "mil",
+    "newton": "N", "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "decanewton": "daN", "decanewtons": "daN",
+    "kips": "kip", "lb": "lbf", "lbs": "lbf", "lbsf": "lbf", "lb-f": "lbf", "lb_f": "lbf", "pound": "lbf",
+    "pounds": "lbf", "pound-force": "lbf", "pounds-force": "lbf", "kp": "kgf", "kg-f": "kgf", "kg_f": "kgf",
+    "kilogram-force": "kgf", "gram-force": "gf", "g-f": "gf", "ounce-force": "ozf", "ounces-force": "ozf",
+    "oz-f": "ozf", "tonne-force": "tf", "ton-force": "tf",
+    "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliamp": "mA", "milliamps": "mA", "milliampere": "mA",
+    "milliamperes": "mA", "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV",
+    "celsius": "degC", "deg c": "degC", "deg. c": "degC", "°c": "degC", "kelvin": "K", "fahrenheit": "degF",
+    "deg f": "degF", "°f": "degF",
+}  # fmt: skip
+"""Units as people and programs write them out, in small letters; parts of a speed or a stiffness, too (inch/sec)."""
+
+
+def unit_named(text: str) -> Unit | None:
+    """A unit by its name or another spelling; None for one that is not known.
+
+    The parts of a quotient may be written out: "inch/sec".
+    """
+    name = ALIASES.get(text, text)
+    if name not in UNITS:
+        name = "/".join(WORDS.get(part.casefold(), part) for part in text.split("/"))
+    return UNITS.get(name)
+
 
 def parse(text: object, dimension: str) -> float:
     """Turn a quantity with its unit into SI.
@@ -123,7 +153,7 @@ def parse(text: object, dimension: str) -> float:
     number, name = float(match[1]), match[2]
     if name is None:
         raise UnitProblem(f"{text} has no unit; {fit}")
-    unit = UNITS.get(ALIASES.get(name, name))
+    unit = unit_named(name)
     if unit is None:
         raise UnitProblem(_unknown_unit(name, dimension, fit))
     if unit.dimension != dimension:
@@ -142,7 +172,7 @@ def split(text: str) -> tuple[float, str]:
         UnitProblem: no unit or an unknown one.
     """
     match = _QUANTITY.fullmatch(text.strip()) if len(text) <= LONGEST_TEXT else None
-    unit = UNITS.get(ALIASES.get(match[2] or "", match[2] or "")) if match else None
+    unit = unit_named(match[2] or "") if match else None
     if unit is None:
         raise UnitProblem(f'"{text}" is not a number with a known unit')
     return parse(text, unit.dimension), unit.dimension
@@ -168,7 +198,7 @@ def si_suffix(dimension: str) -> str:
 
 def pattern(dimension: str) -> str:
     """Regular expression (JSON schema dialect) that a quantity of this dimension matches."""
-    names = "|".join(re.escape(name).replace(r"\-", "-") for name in units_of(dimension))
+    names = "|".join(map(_spellings, units_of(dimension)))
     return rf"^\s*{NUMBER}\s*({names})\s*$"
 
 
@@ -176,6 +206,13 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     """Write an SI value in a unit: `show(0.05, "mm")` is "50 mm"."""
     known = UNITS[unit]
     return f"{(value - known.offset) / known.scale:.{digits}g} {unit}"
+
+
+def _spellings(name: str) -> str:
+    """Regular expression of a unit whose parts may be written out."""
+    parts = ([part, *(word for word, unit in WORDS.items() if unit == part)] for part in name.split("/"))
+    either = ("|".join(re.escape(one).replace(r"\-", "-") for one in part) for part in parts)
+    return "/".join(f"({one})" if "|" in one else one for one in either)
 
 
 def _unknown_unit(name: str, dimension: str, fit: str) -> str:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 from click.core import ParameterSource
 
 from rig.cli.options import Command, QuantityOption, RunPath, json_option, out_option
 from rig.cli.output import console, say, shown_path, status_line, write_json
-from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
+from rig.display import Positive
+from rig.errors import EXIT_DONE, EXIT_USAGE, EXIT_NOT_ALL_VALID, FileProblem
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
@@ -151,14 +153,22 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     "--ampere-per-volt", type=click.FloatRange(0.0, 100.0, min_open=True), default=1.0, show_default=True,
     help="Commanded driver current (A) per volt in the `voltage` column.",
 )
+@click.option(
+    "--positive", type=click.Choice(get_args(Positive)), default="rebound", show_default=True,
+    help="Direction in which displacement and force are positive in the files, after --scale was applied. With "
+        "compression, the signs of both are inverted.",
+)
+@click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
+              help="TOML file with a [display] table (units, signs) and a [report] table (customer, ...) for all reports "
+                  "of the run.")
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Value of the displacement column at mid-stroke.")
 @out_option
 @json_option
 @click.pass_context
 def command(
-    ctx: click.Context, /, files: tuple[Path, ...], like: Path | None, specimen: str, dry_run: bool, out: Path,
-    as_json: bool, **options: Any,  # noqa: ANN401 - one for each field of the import's settings
+    ctx: click.Context, /, files: tuple[Path, ...], like: Path | None, specimen: str, details: Path | None,
+    dry_run: bool, out: Path, as_json: bool, **options: Any,  # noqa: ANN401 - one for each field of the import's settings
 ) -> int:
     """Convert FILES (CSV, LVM, workbooks, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
 
@@ -166,20 +176,35 @@ def command(
     the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
     an imported run like a recorded one.
     """
-    from rig.recording.importing import Described, read_like, write_run
+    from rig.recording.importing import Described, details_files, read_like, write_run
+    from rig.recording.imported_signs import convention, doubtful_signs, signed_loops
     from rig.recording.motion_parts import every_part
 
     given = {FIELDS.get(name, name): value for name, value in options.items()
              if ctx.get_parameter_source(name) not in {None, ParameterSource.DEFAULT}}  # fmt: skip
     if "thousands" in given:
         given["thousands"] = {"space": " ", "none": ""}.get(given["thousands"], given["thousands"])
-    with status_line(console(as_json=True), f"reading {len(files)} file{'s' * (len(files) > 1)}"):
-        tests, preset, differences = read_like(files, given, like)
+    if details is not None:
+        details_files(details)  # a wrong entry is reported before the files are read
+    try:
+        with status_line(console(as_json=True), f"reading {len(files)} file{'s' * (len(files) > 1)}"):
+            tests, preset, differences = read_like(files, given, like)
+    except FileProblem as problem:
+        if as_json or like is not None or "columns" in given or not _show_columns(files, options, problem):
+            raise
+        return EXIT_USAGE
+    positive = preset.settings.positive
+    doubts = doubtful_signs(signed_loops(tests, preset.waveform), positive)
     if not as_json:
         _show_how_read(tests)
+        console().print(convention(positive), markup=False, soft_wrap=True)
+    for text in doubts:
+        console(as_json=as_json).print(f"warning: {text}", style="yellow", markup=False, soft_wrap=True)
     for text in differences if not as_json else ():
         console().print(f"differs from {preset.run}: {text}", style="yellow", markup=False, soft_wrap=True)
-    compared = {"like": {"run": preset.run, "differences": differences}} if like is not None else {}
+    compared: dict[str, object] = {"positive": positive, "warnings": doubts}
+    if like is not None:
+        compared["like"] = {"run": preset.run, "differences": differences}
     if dry_run:
         parts = every_part(tests, preset.waveform)
         for part in parts if not as_json else ():
@@ -192,7 +217,7 @@ def command(
                        "motion": part.number or None, "start_s": part.start_s} for part in parts]  # fmt: skip
             write_json({"campaign": None, "points": listed, "total": len(parts), **compared})
         return EXIT_DONE
-    described = Described(preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences))
+    described = Described.of(preset, specimen, differences, details)
     with status_line(console(as_json=True), f"checking and writing {len(tests)} test{'s' * (len(tests) > 1)}"):
         folder = write_run(tests, out, described)
     return _show(folder, as_json, compared)
@@ -211,6 +236,32 @@ def _show_how_read(tests: Sequence[ImportedTest]) -> None:
         where = f"all {count} files" if len(files) == count > 1 else named_files([*files])
         dialect, *columns = read_as.split("; ")
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
+
+
+def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: FileProblem) -> bool:
+    """List the columns of the first file and the next command; False if the columns are not what is missing."""
+    # load h5py: not needed for the help
+    from rig.recording.external_tests import column_lists
+    from rig.recording.file_formats.columns import no_column
+    from rig.recording.file_formats.table_file import Dialect
+
+    if not any(no_column("force") in line or no_column("displacement") in line for line in problem.problems):
+        return False
+    stated = {name: options[name] for name in vars(Dialect()) if options.get(name) is not None}
+    shown = console()
+    for title, columns, found in column_lists(files[0], Dialect(**stated)):
+        shown.print(f"{files[0]}{title}; its columns:", markup=False, soft_wrap=True)
+        width = max(len(name) for name, _ in columns)
+        for number, (name, unit) in enumerate(columns, 1):
+            shown.print(f"  #{number:<4} {name:<{width}}  {unit or 'no unit: write NAME:UNIT'}", markup=False,
+                        soft_wrap=True)
+        chosen = " ".join(found.get(quantity) or f"--column {quantity}=NAME"
+                          for quantity in ("time", "displacement", "force"))
+        current = found.get("current") or "--current '0.5 A'"
+        shown.print(f"Nothing was imported. Specify the columns:\n  rig import {shlex.join(map(str, files[:3]))}"
+                    f"{' ...' * (len(files) > 3)} {chosen} {current}", markup=False, soft_wrap=True)
+        break
+    return True
 
 
 def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
@@ -232,7 +283,7 @@ def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
 
         shown = console()
         for point in run.points:
-            text = described(point)
+            text = described(point, run.display)
             line = f"{point.id:<23} {text:<31} {'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False, soft_wrap=True)
             if point.quality.record is not None and (use := _use(point.quality.record)):

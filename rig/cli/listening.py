@@ -245,7 +245,7 @@ def _toml(given: Mapping[str, Any] | str, heard: Heard, url: str | None, rate_Hz
 def _per_unit(given: Mapping[str, Any] | str) -> float:
     """SI for one of the unit that a line shows; 1 where it shows none, or one that is not known."""
     unit = "" if isinstance(given, str) else str(given.get("unit", ""))
-    known = units.UNITS.get(units.ALIASES.get(unit, unit))
+    known = units.unit_named(unit)
     return known.scale if known is not None and known.dimension in {"force", "length"} else 1.0
 
 

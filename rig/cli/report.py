@@ -24,17 +24,17 @@ from rig.text_file import read_json
 @click.option("--summary", is_flag=True, help="With --pdf: write only the first two pages (verdict, forces, loops, "
                                               "conditions, signatures).")
 @click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
-              help="TOML file with a [report] table (title, customer, logo, ...), used instead of the table in the "
-                  "matrix file.")
+              help="TOML file with a [report] table (title, customer, logo, ...), used instead of the run's own table, "
+                  "and with a [display] table (units, signs).")
 @json_option
 def command(run: Path, on_paper: bool, summary: bool, details: Path | None, as_json: bool) -> int:
     """Write report.html for RUN (a campaign folder) as one self-contained file."""
     _check_summary(summary, on_paper=on_paper)
     # loads numba and numpy: not needed for the help
-    from rig.matrix.report_table import load_report_table
+    from rig.matrix.report_table import load_details
     from rig.report.document import written_report
 
-    report, document = written_report(run, None if details is None else load_report_table(details))
+    report, document = written_report(run, None if details is None else load_details(details))
     path = report.resolve()
     paper = write_pdf(document.sheets if summary else document, path) if on_paper else None
     if as_json:

@@ -1,4 +1,4 @@
-"""The display of a recorded run: `[display]` of the bench and matrix files that are kept in its folder.
+"""The display of a run: `[display]` of the bench and matrix files, or of an import's details, kept in its folder.
 
 Loads no validator: the operator's page reads it, too.
 """
@@ -23,7 +23,7 @@ def kept_display(run: Path) -> Display:
     """
     folder = CampaignFolder(run)
     try:
-        return Display.of(_table(folder.bench), _table(folder.matrix))
+        return Display.of(_table(folder.bench), _table(folder.matrix), _table(folder.details))
     except ValueError as error:
         raise FileProblem(f"{folder.bench} and {folder.matrix.name}", [str(error)]) from error
 

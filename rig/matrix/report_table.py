@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr
 from protocols.descriptions import Problem
 from rig.document.picture import MOST_BYTES, Picture, picture_of
 from rig.errors import FileProblem
+from rig.files.display_table import DisplayTable
 from rig.files.loader import load_section
 from rig.files.quantity import Wording
 from rig.files.section import Section
@@ -70,16 +71,17 @@ class ReportTable(Section):
         return self._picture
 
 
-class ReportFile(Section):
-    """A file with a `[report]` table only, for `rig report --details`."""
+class DetailsFile(Section):
+    """A file with `[report]`, `[display]` or both, for `rig report --details` and `rig import --details`."""
 
-    report: ReportTable
+    report: ReportTable | None = None
+    display: DisplayTable = Field(default_factory=DisplayTable)
 
 
-def load_report_table(path: Path) -> ReportTable:
-    """The `[report]` table of a file that contains nothing else.
+def load_details(path: Path) -> DetailsFile:
+    """The `[report]` and `[display]` tables of a file that contains nothing else.
 
     Raises:
         FileProblem: with every wrong entry of the file.
     """
-    return load_section(path, ReportFile, located=with_paths)[0].report
+    return load_section(path, DetailsFile, located=with_paths)[0]

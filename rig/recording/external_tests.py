@@ -7,10 +7,12 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from protocols.patterns import Pattern, PatternError
+from rig.display import Positive
 from rig.errors import FileProblem
 from rig.recording.file_formats.columns import (
     MOST_SHOWN,
@@ -54,6 +56,7 @@ USUAL_NO_VALUE = tuple(sign * number for number in (
 NO_VALUE_JUMP = 3.0
 """Such a number is that many times the largest step of the column away from its neighbours."""
 RATE = "sample-rate"
+INVERTED = "signs of displacement and force inverted (compression was positive)"
 DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
 """What can be accepted by its slug."""
 
@@ -85,6 +88,17 @@ class ImportedTest:
     described: Mapping[str, str] = field(default_factory=dict)
     """What an export of this program states of the test, by the names in its list of points."""
 
+    def extension_positive(self, positive: Positive) -> ImportedTest:
+        """The test with extension and rebound positive.
+
+        Args:
+            positive: the direction in which displacement and force are positive here, with all scales applied.
+        """
+        if positive == "rebound":
+            return self
+        return replace(self, displacement_m=-self.displacement_m, force_N=-self.force_N,
+                       read_as=f"{self.read_as}; {INVERTED}")
+
 
 @dataclass(frozen=True)
 class ImportSettings:
@@ -99,6 +113,8 @@ class ImportSettings:
     ampere_per_volt: float = 1.0
     scales: Mapping[str, str | float] = field(default_factory=dict)
     no_value: Sequence[float] | None = None
+    positive: Positive = "rebound"
+    """The direction in which displacement and force are positive after the scales were applied."""
     described: Mapping[str, str] = field(default_factory=dict)
     """What is known of the test besides; see `ImportedTest.described`."""
 
@@ -115,6 +131,8 @@ def read_tests(files: Sequence[Path], settings: ImportSettings) -> list[Imported
         raise FileProblem("--accept", [f"got {slug!r}, expected one of {', '.join(DOUBTS)}" for slug in unknown])
     if settings.rate_Hz is not None and not 0.0 < settings.rate_Hz < np.inf:
         raise FileProblem("--rate", [f"got {settings.rate_Hz!r} Hz, expected a rate above 0"])
+    if settings.positive not in get_args(Positive):
+        raise FileProblem("--positive", [f"got {settings.positive!r}, expected rebound or compression"])
     twice = list(_stated_twice(files, settings))
     if twice:
         raise FileProblem("import", twice)
@@ -122,7 +140,7 @@ def read_tests(files: Sequence[Path], settings: ImportSettings) -> list[Imported
     problems: dict[str, list[Path]] = {}
     for file in files:
         try:
-            tests += _read_file(Path(file), settings, pattern)
+            tests += [test.extension_positive(settings.positive) for test in _read_file(Path(file), settings, pattern)]
         except FileProblem as error:
             for problem in error.problems:
                 problems.setdefault(problem, []).append(Path(file))
@@ -138,12 +156,23 @@ def _stated_twice(files: Sequence[Path], settings: ImportSettings) -> Iterator[s
     if settings.rate_Hz is not None and "time" in settings.columns:
         time = settings.columns["time"]
         yield f"--rate and --column time={time} both specify the sample times. Fix: remove one option"
+    if settings.positive == "compression" and all(_inverts(settings.scales.get(quantity)) for quantity in REQUIRED):
+        yield ("--positive compression and the negative factors in --scale would invert displacement and force twice. "
+            "Fix: remove either --positive compression or both factors")
     places = [Path(file).resolve() for file in files]
     for place in dict.fromkeys(place for place in places if places.count(place) > 1):
         yield (
             f"{place} is given {places.count(place)} times. Fix: specify each file only once, because duplicates would "
             "make the confidence intervals too narrow"
         )
+
+
+def _inverts(scale: str | float | None) -> bool:
+    """Whether a scale is a plain negative factor: a sensitivity can be negative for other reasons."""
+    try:
+        return scale is not None and float(scale) < 0.0
+    except ValueError:
+        return False
 
 
 def named_files(files: Sequence[Path]) -> str:
@@ -366,6 +395,21 @@ def _opened(file: Path, settings: ImportSettings) -> tuple[list[tuple[str, Table
         except FileProblem as other:
             raise FileProblem(str(file), [*error.problems, *other.problems]) from error
         raise
+
+
+def column_lists(
+    file: Path, dialect: Dialect
+) -> Iterator[tuple[str, list[tuple[str, str]], dict[str, str]]]:
+    """For each table of a file how it was read, its columns with their units, and likely options by quantity.
+
+    Raises:
+        FileProblem: the file cannot be read.
+    """
+    for name, opened in open_file(file, dialect)[0]:
+        columns = [(one.full or one.name, one.unit) for one in opened.columns]
+        hints = {hint.split("=")[0].rpartition(" ")[2].strip("'"): hint
+                 for hint in suggestions(opened.columns, [*REQUIRED, "time", "current"])}  # fmt: skip
+        yield f"{f', {name}' if name else ''}: {opened.read_as}", columns, hints
 
 
 def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[str, ColumnChoice]:

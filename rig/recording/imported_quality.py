@@ -141,8 +141,8 @@ def _reversed(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:
     return [invalid(
         "reversed-sign", "the measured force acts with the motion instead of against it: force or displacement has "
             "the wrong sign, or their columns are swapped (displacement increases with extension, a positive force "
-            "resists extension). Fix: import again with --scale force=-1 (if force is positive in compression) or "
-            "--scale displacement=-1 (if displacement is positive in compression)",
+            "resists extension). Fix: import again with --scale force=-1 (if only force is positive in compression) or "
+            "--scale displacement=-1 (if only displacement is positive in compression)",
     )]
 
 

@@ -21,12 +21,14 @@ import numpy as np
 import rig
 from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
-from rig.errors import FileProblem
-from rig.recording.atomic_write import write_text_durably
+from rig.display import Positive
+from rig.errors import DataWarning, FileProblem
+from rig.recording.atomic_write import inner_folder, write_durably, write_text_durably
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 from rig.recording.file_formats.table_file import Dialect
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.import_preset import KEY, ImportPreset
+from rig.recording.imported_signs import doubtful_signs, signed_loops
 from rig.recording.imported_quality import TestSamples, assess
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.motion_parts import TestPart, every_part
@@ -37,6 +39,7 @@ from rig.signals.cycles import MeasuredMotion
 from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
 from rig.signals.waveform import SINE
+from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_text
 
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
 LONGEST_NAME = 100
@@ -54,6 +57,8 @@ class Described:
         mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
         options: with which the tests were read, to be kept for `--like`; None: not kept.
         differences: from the files of an earlier import.
+        positive: direction in which the displacement column is positive, and thus `mid_stroke_m`.
+        details: file with `[report]` and `[display]` that the run keeps; None: none.
     """
 
     waveform: str = SINE.name
@@ -61,6 +66,23 @@ class Described:
     mid_stroke_m: float | None = None
     options: ImportPreset | None = None
     differences: tuple[str, ...] = ()
+    positive: Positive = "rebound"
+    details: Path | None = None
+
+    @classmethod
+    def of(
+        cls, preset: ImportPreset, specimen: str, differences: Sequence[str], details: Path | None = None
+    ) -> Described:
+        """What the options of an import state of its tests."""
+        return cls(
+            preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences), preset.settings.positive, details,
+        )
+
+    @property
+    def mid_extension_m(self) -> float | None:
+        """Mid-stroke in the coordinate of the recorded displacement, which is positive in extension."""
+        inverted = self.positive == "compression" and self.mid_stroke_m is not None
+        return -(self.mid_stroke_m or 0.0) if inverted else self.mid_stroke_m
 
 
 def import_tests(
@@ -69,7 +91,8 @@ def import_tests(
     specimen: str = "imported", mid_stroke_m: float | None = None, rate_Hz: float | None = None,
     dialect: Dialect | None = None, accept: Sequence[str] | None = None, ampere_per_volt: float | None = None,
     scales: Mapping[str, str | float] | None = None, no_value: Sequence[float] | None = None,
-    like: Path | str | None = None,
+    like: Path | str | None = None, positive: Positive | None = None,
+    details: Path | str | None = None,
 ) -> Path:
     """Make a run from files of other programs, one point for each file or steady motion in it, all or none.
 
@@ -92,6 +115,10 @@ def import_tests(
         no_value: numbers that stand for no value; None: -9999 and other usual ones, where no other value is near them.
         like: directory of an imported run whose options are used where none are given here, except for the current and
             the specimen; a `UserWarning` names each difference of a file's layout.
+        positive: direction in which displacement and force are positive in the files after `scales` was applied:
+            `rebound` (extension; also where it is None) or `compression`, for which both signs are inverted. A
+            `DataWarning` is issued if the force at the ends of the stroke suggests the other direction.
+        details: TOML file with `[report]` and `[display]`, of which the run keeps a copy for its reports.
 
     Returns:
         The run's directory.
@@ -102,14 +129,17 @@ def import_tests(
     given = {name: value for name, value in {
         "columns": columns, "current_A": current_A, "current_from_name": current_from_name, "rate_Hz": rate_Hz,
         "accept": None if accept is None else tuple(accept), "ampere_per_volt": ampere_per_volt, "scales": scales,
-        "no_value": no_value, "waveform": waveform, "mid_stroke_m": mid_stroke_m,
+        "no_value": no_value, "waveform": waveform, "mid_stroke_m": mid_stroke_m, "positive": positive,
         **({} if dialect is None else changed_from(Dialect(), dialect)),
     }.items() if value is not None}  # fmt: skip
     tests, preset, differences = read_like([Path(file) for file in files], given, None if like is None else Path(like))
     for text in differences:
         warnings.warn(f"differs from {preset.run}: {text}", UserWarning, stacklevel=2)
-    described = Described(preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences))
-    return write_run(tests, Path(out), described)
+    for text in doubtful_signs(signed_loops(tests, preset.waveform), preset.settings.positive):
+        warnings.warn(text, DataWarning, stacklevel=2)
+    return write_run(tests, Path(out), Described.of(
+        preset, specimen, differences, None if details is None else Path(details)
+    ))
 
 
 def changed_from(usual: Dialect, dialect: Dialect) -> dict[str, Any]:
@@ -156,16 +186,36 @@ def write_run(tests: Sequence[ImportedTest], out: Path, described: Described) ->
         described: of all tests.
 
     Raises:
-        FileProblem: the folder cannot be written.
+        FileProblem: the folder cannot be written, or the details are wrong.
     """
+    kept = {} if described.details is None else details_files(described.details)
     folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', described.specimen)}-{secrets.token_hex(2)}"
     try:
         CampaignFolder(folder).points.mkdir(parents=True)
+        for name, content in kept.items():
+            inner_folder(folder, str(Path(name).parent))
+            write_durably(folder / name, content)
         _write_run(folder, tests, described)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
         raise FileProblem(str(folder), [f"could not be written: {error}; nothing was imported"]) from error
     return folder
+
+
+def details_files(path: Path) -> dict[str, bytes]:
+    """Name in the run's folder -> content of a checked file of details and of the logo that it names.
+
+    Raises:
+        FileProblem: an entry is wrong, or the logo cannot be read.
+    """
+    # load pydantic, which other imports do without
+    from rig.matrix.named_files import kept
+    from rig.matrix.report_table import load_details
+
+    load_details(path)
+    text, files = kept(read_text(path, LARGEST_NAMED_FILE_BYTES), path.absolute().parent)
+    logos = {f"{CampaignFolder.records}/{name}": content for name, content in files.items()}
+    return {CampaignFolder.details: text.encode(), **logos}
 
 
 def _write_run(folder: Path, tests: Sequence[ImportedTest], described: Described) -> None:
@@ -280,7 +330,7 @@ def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
             "id": name, "waveform": described.waveform,
             "amplitude_m": amplitude_m, "frequency_Hz": frequency_Hz,
             "current_A": test.nominal_current_A, "cycles": 0 if motion is None else motion.cycles,
-            "mid_stroke_m": described.mid_stroke_m, "imported": True,
+            "mid_stroke_m": described.mid_extension_m, "imported": True,
         },
         quality=quality.attributes,
         provenance={

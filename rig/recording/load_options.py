@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict, get_args
 
 from protocols.near_miss import near_names
+from rig.display import Positive
 from rig.errors import FileProblem
 from rig.recording.file_formats.table_file import Dialect
 from rig.signals.free_motion import RANDOM
@@ -39,6 +40,7 @@ class LoadKeywords(TypedDict, total=False):
     accept: Sequence[str]
     no_value: Sequence[float]
     dialect: Dialect
+    positive: Positive
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class LoadOptions:
         accept: codes of implausible magnitudes that are right all the same (`units-force`, ...).
         no_value: numbers that stand for no value; None: the usual ones.
         dialect: how text files are written, where the guess is wrong.
+        positive: direction in which displacement and force are positive after `scales` was applied: `rebound`
+            (extension) or `compression`, for which both signs are inverted.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -76,6 +80,7 @@ class LoadOptions:
     accept: Sequence[str] = ()
     no_value: Sequence[float] | None = None
     dialect: Dialect = field(default_factory=Dialect)
+    positive: Positive = "rebound"
 
     @classmethod
     def of(cls, keywords: Mapping[str, Any]) -> LoadOptions:
@@ -95,6 +100,8 @@ class LoadOptions:
         if options.waveform not in (*WAVEFORM_NAMES, RANDOM):
             allowed = ", ".join((*WAVEFORM_NAMES, RANDOM))
             raise FileProblem("load", [f"waveform: got {options.waveform!r}, expected one of {allowed}"])
+        if options.positive not in get_args(Positive):
+            raise FileProblem("load", [f"positive: got {options.positive!r}, expected rebound or compression"])
         return options
 
 

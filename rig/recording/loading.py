@@ -6,6 +6,7 @@ import csv
 import glob
 import math
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,12 +15,13 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from rig.campaign_folder import CampaignFolder, run_path
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 from rig.recording.file_formats.columns import choose
 from rig.recording.file_formats.named_columns import named_quantity
 from rig.recording.file_formats.table_file import TableColumn
 from rig.recording.hdf5.reading import VERDICTS
+from rig.recording.imported_signs import SignedLoop, doubtful_signs
 from rig.recording.importing import Described, points_of
 from rig.recording.load_options import OPTIONS, LoadKeywords, LoadOptions
 from rig.recording.recorded_point import RecordedPoint
@@ -107,6 +109,10 @@ def runs_of(source: Source, options: LoadOptions) -> list[Run]:
             runs.append(one)
         elif isinstance(one, RecordedPoint):
             runs.append(Run(Run.NOWHERE, (one,)))
+    loops = [SignedLoop(one.id, one.displacement_m, one.force_N) for one in foreign if one.has_frequency]
+    for text in doubtful_signs(loops, options.positive):
+        python = text.replace("--positive compression", "positive='compression'")
+        warnings.warn(python, DataWarning, stacklevel=3)
     if foreign:
         described = {} if options.specimen is None else {"specimen": options.specimen}
         folder = Path(os.path.commonpath([file.resolve().parent for file in files])) if files else Run.NOWHERE
@@ -271,7 +277,7 @@ def _points_of_files(
     for file, one_A in zip(files, current_A, strict=True):
         settings = ImportSettings(
             options.columns, one_A, options.current_from_name, options.rate_Hz, options.dialect, tuple(options.accept),
-            scales=options.scales, no_value=options.no_value, described=_listed(file.parent / LIST_OF_POINTS).get(
+            scales=options.scales, no_value=options.no_value, positive=options.positive, described=_listed(file.parent / LIST_OF_POINTS).get(
                 file.stem, {}) if file.suffix == ".csv" else {},
         )  # fmt: skip
         try:
@@ -295,7 +301,7 @@ def _points_of_test(test: ImportedTest, options: LoadOptions) -> list[RecordedPo
         test = replace(test, nominal_current_A=nominal_A, current_measured=measured)
     if stated.get("waveform"):
         waveform = stated["waveform"] if stated["waveform"] in WAVEFORM_NAMES else RANDOM
-    described = Described(waveform, options.specimen or "imported", options.mid_stroke_m)
+    described = Described(waveform, options.specimen or "imported", options.mid_stroke_m, positive=options.positive)
     points = points_of([test], described)
     if len(points) != 1 or not stated:
         return points
@@ -386,7 +392,7 @@ def _points_of_table(table: _NamedTable, current_A: float | None, options: LoadO
         if not np.any(np.isfinite(channels[quantity])):
             raise FileProblem(name, [f"{quantity}: none of {len(time_s)} rows contains a number. Fix: specify another "
                 "column"])
-    return _points_of_test(test, options)
+    return _points_of_test(test.extension_positive(options.positive), options)
 
 
 def _with_own_columns(table: _NamedTable, options: LoadOptions) -> tuple[pd.DataFrame, dict[str, str]]:

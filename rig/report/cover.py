@@ -210,8 +210,9 @@ def _temperatures(points: Sequence[RecordedPoint], display: Display) -> str:
 
 
 def _matrix(run: Run) -> Mapping[str, object]:
-    """The campaign's matrix file as it is written; empty where it is missing or damaged."""
-    file = CampaignFolder(run.path).matrix
+    """The campaign's matrix file, or the details of an import, as written; empty where it is missing or damaged."""
+    folder = CampaignFolder(run.path)
+    file = folder.matrix if folder.matrix.is_file() else folder.details
     if not file.is_file():
         return {}
     try:

@@ -38,7 +38,7 @@ from rig.document.words import FAIR, GOOD, POOR, Code, Strong
 from rig.errors import RigError
 from rig.fits.fit_record import COIL, FitRecord, fit_in
 from rig.identification.application.law import Law
-from rig.matrix.report_table import ReportTable
+from rig.matrix.report_table import DetailsFile
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
@@ -95,21 +95,23 @@ class Material:
     display: Display
 
     @classmethod
-    def of(cls, run: Run, details: ReportTable | None = None) -> Material:
-        """Read and compute it; `details` replaces the run's own `[report]`.
+    def of(cls, run: Run, details: DetailsFile | None = None) -> Material:
+        """Read and compute it; `details` replaces the run's own `[report]`, and each stated entry of `[display]`.
 
         Raises:
             FileProblem: `fit.json` is not one of ours.
         """
         fit = fit_in(run.path)
+        stated = {} if details is None else details.display.model_dump()
+        display = Display.of(run.display.to_json(), stated)
         views, remark = views_of(run, fit)
         measured = {view.point.id: view.measured for view in views if view.measured is not None}
         characteristics = characterise(run, measured)
         recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
         return cls(
-            run, fit, completed_views(views, characteristics.loops, run.display), remark, characteristics,
+            run, fit, completed_views(views, characteristics.loops, display), remark, characteristics,
             hybrid_tests(run), read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
-            {} if recorded is None else sensors_of(recorded), CoverDetails.of(run, details), run.display,
+            {} if recorded is None else sensors_of(recorded), CoverDetails.of(run, details and details.report), display,
         )  # fmt: skip
 
 
@@ -208,8 +210,8 @@ def write_report(run_dir: Path) -> Path:
     return path
 
 
-def written_report(run_dir: Path, details: ReportTable | None = None) -> tuple[Path, Document]:
-    """As `write_report`, and the report as a document for other writers; `details` replaces the run's `[report]`."""
+def written_report(run_dir: Path, details: DetailsFile | None = None) -> tuple[Path, Document]:
+    """As `write_report`, and the report as a document for other writers; `details`: see `Material.of`."""
     material = Material.of(Run.open(run_dir), details)
     run, document = material.run, report_of(material)
     if material.hybrid:

@@ -83,8 +83,7 @@ def check_choices(columns: Mapping[str, str], scales: Mapping[str, str | float])
         f"{quantity}={text}: unknown quantity; known: {', '.join(DIMENSION)}"
         for quantity, text in columns.items() if quantity not in DIMENSION
     ]  # fmt: skip
-    problems += [f"{name}: no column given. Fix: write --column "
-        f"{name}=NAME" for name in REQUIRED if name not in columns]
+    problems += [no_column(name) for name in REQUIRED if name not in columns]
     for quantity, text in scales.items():
         if quantity not in columns:
             problems.append(f"--scale {quantity}={text}: no {quantity} column is specified")
@@ -95,6 +94,11 @@ def check_choices(columns: Mapping[str, str], scales: Mapping[str, str | float])
             problems.append(f"--scale {quantity}: {error}")
     if problems:
         raise FileProblem("--column", problems)
+
+
+def no_column(quantity: str) -> str:
+    """The problem that a quantity has no column."""
+    return f"{quantity}: no column given. Fix: write --column {quantity}=NAME"
 
 
 def split_heading(text: str) -> tuple[str, str]:

@@ -7,31 +7,13 @@ import re
 from dataclasses import dataclass
 
 from protocols import wire_units
-from rig.units import ALIASES, NUMBER, UNITS, Unit, units_of
+from rig.units import ALIASES, NUMBER, UNITS, WORDS, Unit, units_of
 
 DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current",
              "commanded_current": "current", "voltage": "voltage", "temperature": "temperature"}  # fmt: skip
 """Quantity of a damper test -> what it measures."""
 DAY = Unit("time", 86400.0)
 """In which spreadsheets count, where a cell with a time has no format of a time."""
-WORDS = {
-    "sec": "s", "sec.": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
-    "milliseconds": "ms", "usec": "us", "microseconds": "us", "minutes": "min", "hours": "h", "day": "d", "days": "d",
-    "metre": "m", "meter": "m", "metres": "m", "meters": "m", "millimetre": "mm", "millimeter": "mm",
-    "millimetres": "mm", "millimeters": "mm", "centimeters": "cm", "centimetres": "cm", "micron": "um", "microns": "um",
-    "micrometer": "um", "micrometre": "um", "micrometers": "um", "micrometres": "um",
-    "inch": "in", "inches": "in", '"': "in", "mils": "mil", "thou": "mil",
-    "newton": "N", "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "decanewton": "daN", "decanewtons": "daN",
-    "kips": "kip", "lb": "lbf", "lbs": "lbf", "lbsf": "lbf", "lb-f": "lbf", "lb_f": "lbf", "pound": "lbf",
-    "pounds": "lbf", "pound-force": "lbf", "pounds-force": "lbf", "kp": "kgf", "kg-f": "kgf", "kg_f": "kgf",
-    "kilogram-force": "kgf", "gram-force": "gf", "g-f": "gf", "ounce-force": "ozf", "ounces-force": "ozf",
-    "oz-f": "ozf", "tonne-force": "tf", "ton-force": "tf",
-    "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliamp": "mA", "milliamps": "mA", "milliampere": "mA",
-    "milliamperes": "mA", "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV",
-    "celsius": "degC", "deg c": "degC", "deg. c": "degC", "°c": "degC", "kelvin": "K", "fahrenheit": "degF",
-    "deg f": "degF", "°f": "degF",
-}  # fmt: skip
-"""Units as programs write them out, in small letters."""
 MASS_FOR_FORCE = {"kg": "kgf", "g": "gf", "t": "tf", "oz": "ozf"}
 """Units of mass that displays show for a force; they are taken as one only where the user writes the unit of force."""
 COUNTS = frozenset(("count", "counts", "digit", "digits", "lsb", "bit", "bits", "inc", "increment", "increments", "1"))

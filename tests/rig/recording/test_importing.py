@@ -13,6 +13,7 @@ from rig.errors import FileProblem, IdentificationFailed
 from rig.identification import identify_run
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
+from rig.report.cover import Details
 
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F:kN"}
 MEASURED = Path(os.environ.get("RIG_MEASURED_DATA", Path(__file__).parents[4] / "shared/data/utfsm"))
@@ -235,6 +236,30 @@ def test_a_force_of_the_wrong_sign_is_not_valid_and_is_not_fitted_as_suspect(tmp
     assert point.reasons[0].startswith("reversed-sign: the measured force acts with the motion")
     with pytest.raises(IdentificationFailed, match=r"no point is valid: .*reversed-sign.*\)$"):
         identify_run([folder])
+
+
+@pytest.mark.filterwarnings("ignore::rig.errors.DataWarning")
+def test_compression_positive_files_are_inverted_once_and_found_by_their_gas_force(tmp_path: Path) -> None:
+    time_s = np.arange(600) * 0.01
+    x_mm, force = 5.0 * np.sin(2 * np.pi * time_s), 300.0 * np.cos(2 * np.pi * time_s) + 120.0  # pushing the rod out
+    path = tmp_path / "a.csv"
+    path.write_text("t_s,x_mm,F_N\n" + "".join(f"{t},{x},{f}\n" for t, x, f in zip(time_s, x_mm, force, strict=True)))
+    stated = {"columns": {"time": "t_s", "displacement": "x_mm", "force": "F_N"}, "current_A": 0.5, "mid_stroke_m": 1e-3}
+    with pytest.warns(UserWarning, match=r"12\d N in rebound.*import again with --positive compression"):
+        import_tests([path], out=tmp_path, **stated)  # type: ignore[arg-type]  # as the command passes them
+    details = tmp_path / "customer.toml"
+    details.write_text('[display]\nforce = "lbf"\n[report]\ncustomer = "ACME"\n')
+    first = import_tests([path], out=tmp_path, positive="compression", details=details, **stated)  # type: ignore[arg-type]  # the same
+    for folder in (first, import_tests([path], out=tmp_path, like=first, current_A=0.5)):
+        (point,) = Run.open(folder).points
+        assert (point.verdict, point.mid_stroke_m) == ("valid", -1e-3)
+        assert (np.min(point.force_N), np.max(point.force_N)) == pytest.approx((-420.0, 180.0), rel=1e-3)
+        assert point.displacement_m[25] == pytest.approx(-0.005)
+    run = Run.open(first)
+    assert run.display.force_unit == "lbf"
+    assert Details.of(run).table.customer == "ACME"
+    scales = {"force": -1, "displacement": -1.0}
+    assert "invert displacement and force twice" in refused(tmp_path, path, scales=scales, positive="compression")
 
 
 def test_a_column_without_a_number_is_named(tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ from rig.units import UnitProblem, parse
         ("-85 mm", "length", -0.085),
         ("5 µm", "length", 5e-6),
         ("0.8 m/s", "speed", 0.8),
+        ("2 inch/sec", "speed", 0.0508),
+        ("1 lbs", "force", 4.4482216152605),
         ("60 m/s^2", "acceleration", 60.0),
         ("60 m/s²", "acceleration", 60.0),
         ("5 kN", "force", 5000.0),
@@ -39,6 +41,7 @@ from rig.units import UnitProblem, parse
 )
 def test_a_quantity_becomes_its_SI_value(text: str, dimension: str, value: float) -> None:
     assert parse(text, dimension) == pytest.approx(value, rel=1e-12)
+    assert re.match(units.pattern(dimension), text)
 
 
 @pytest.mark.parametrize(
