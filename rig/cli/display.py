@@ -38,7 +38,8 @@ LEVELS = {"info": "", "warning": "yellow", "error": "red"}
 
 def described(point: RecordedPoint, shown: Display = SI) -> str:
     """A point that was not planned here, in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
-    return f"{point.waveform} {shown.displacement.text(point.amplitude_m)} {point.frequency_Hz:.4g} Hz {point.current_A:.3g} A"
+    amplitude = shown.displacement.text(point.amplitude_m)
+    return f"{point.waveform} {amplitude} {point.frequency_Hz:.4g} Hz {point.current_A:.3g} A"
 
 
 def peaks(result: PointResult, shown: Display) -> str:

@@ -13,7 +13,7 @@ from click.core import ParameterSource
 from rig.cli.options import Command, QuantityOption, RunPath, json_option, out_option
 from rig.cli.output import console, say, shown_path, status_line, write_json
 from rig.display import Positive
-from rig.errors import EXIT_DONE, EXIT_USAGE, EXIT_NOT_ALL_VALID, FileProblem
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_USAGE, FileProblem
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
@@ -159,8 +159,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
         "compression, the signs of both are inverted.",
 )
 @click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
-              help="TOML file with a [display] table (units, signs) and a [report] table (customer, ...) for all reports "
-                  "of the run.")
+              help="TOML file with a [display] table (units, signs) and a [report] table (customer, ...) for all "
+                  "reports of the run.")
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Value of the displacement column at mid-stroke.")
 @out_option
@@ -176,23 +176,18 @@ def command(
     the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
     an imported run like a recorded one.
     """
-    from rig.recording.importing import Described, details_files, read_like, write_run
     from rig.recording.imported_signs import convention, doubtful_signs, signed_loops
+    from rig.recording.importing import Described, details_files, read_like, write_run
     from rig.recording.motion_parts import every_part
 
-    given = {FIELDS.get(name, name): value for name, value in options.items()
-             if ctx.get_parameter_source(name) not in {None, ParameterSource.DEFAULT}}  # fmt: skip
-    if "thousands" in given:
-        given["thousands"] = {"space": " ", "none": ""}.get(given["thousands"], given["thousands"])
+    given = _given(ctx, options)
     if details is not None:
         details_files(details)  # a wrong entry is reported before the files are read
     try:
         with status_line(console(as_json=True), f"reading {len(files)} file{'s' * (len(files) > 1)}"):
             tests, preset, differences = read_like(files, given, like)
     except FileProblem as problem:
-        if as_json or like is not None or "columns" in given or not _show_columns(files, options, problem):
-            raise
-        return EXIT_USAGE
+        return _show_columns(files, options, problem, listed=not as_json and like is None and "columns" not in given)
     positive = preset.settings.positive
     doubts = doubtful_signs(signed_loops(tests, preset.waveform), positive)
     if not as_json:
@@ -238,15 +233,29 @@ def _show_how_read(tests: Sequence[ImportedTest]) -> None:
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
 
 
-def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: FileProblem) -> bool:
-    """List the columns of the first file and the next command; False if the columns are not what is missing."""
+def _given(ctx: click.Context, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that the user specified, by the names of the import's settings."""
+    given = {FIELDS.get(name, name): value for name, value in options.items()
+             if ctx.get_parameter_source(name) not in {None, ParameterSource.DEFAULT}}  # fmt: skip
+    if "thousands" in given:
+        given["thousands"] = {"space": " ", "none": ""}.get(given["thousands"], given["thousands"])
+    return given
+
+
+def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: FileProblem, *, listed: bool) -> int:
+    """List the columns of the first file and the next command, if no columns were specified and these are missing.
+
+    Raises:
+        FileProblem: the problem that was given, if it is another one or nothing is to be listed.
+    """
     # load h5py: not needed for the help
     from rig.recording.external_tests import column_lists
     from rig.recording.file_formats.columns import no_column
     from rig.recording.file_formats.table_file import Dialect
 
-    if not any(no_column("force") in line or no_column("displacement") in line for line in problem.problems):
-        return False
+    absent = (no_column("displacement"), no_column("force"))
+    if not listed or not any(text in line for text in absent for line in problem.problems):
+        raise problem
     stated = {name: options[name] for name in vars(Dialect()) if options.get(name) is not None}
     shown = console()
     for title, columns, found in column_lists(files[0], Dialect(**stated)):
@@ -261,7 +270,7 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
         shown.print(f"Nothing was imported. Specify the columns:\n  rig import {shlex.join(map(str, files[:3]))}"
                     f"{' ...' * (len(files) > 3)} {chosen} {current}", markup=False, soft_wrap=True)
         break
-    return True
+    return EXIT_USAGE
 
 
 def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:

@@ -28,8 +28,8 @@ from rig.recording.external_tests import ImportedTest, ImportSettings, read_test
 from rig.recording.file_formats.table_file import Dialect
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.import_preset import KEY, ImportPreset
-from rig.recording.imported_signs import doubtful_signs, signed_loops
 from rig.recording.imported_quality import TestSamples, assess
+from rig.recording.imported_signs import doubtful_signs, signed_loops
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.motion_parts import TestPart, every_part
 from rig.recording.point_attributes import point_fields
@@ -75,7 +75,8 @@ class Described:
     ) -> Described:
         """What the options of an import state of its tests."""
         return cls(
-            preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences), preset.settings.positive, details,
+            preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences), preset.settings.positive,
+            details,
         )
 
     @property

@@ -277,8 +277,8 @@ def _points_of_files(
     for file, one_A in zip(files, current_A, strict=True):
         settings = ImportSettings(
             options.columns, one_A, options.current_from_name, options.rate_Hz, options.dialect, tuple(options.accept),
-            scales=options.scales, no_value=options.no_value, positive=options.positive, described=_listed(file.parent / LIST_OF_POINTS).get(
-                file.stem, {}) if file.suffix == ".csv" else {},
+            scales=options.scales, no_value=options.no_value, positive=options.positive,
+            described=_listed(file.parent / LIST_OF_POINTS).get(file.stem, {}) if file.suffix == ".csv" else {},
         )  # fmt: skip
         try:
             tests += read_tests([file], settings)

@@ -111,7 +111,8 @@ class Material:
         return cls(
             run, fit, completed_views(views, characteristics.loops, display), remark, characteristics,
             hybrid_tests(run), read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
-            {} if recorded is None else sensors_of(recorded), CoverDetails.of(run, details and details.report), display,
+            {} if recorded is None else sensors_of(recorded),
+            CoverDetails.of(run, None if details is None else details.report), display,
         )  # fmt: skip
 
 

@@ -201,7 +201,7 @@ def at_the_rail(force_kN: np.ndarray) -> np.ndarray:
 
 def of_two_values(force_kN: np.ndarray) -> np.ndarray:
     """A trigger's column."""
-    return np.where(force_kN > 0.0, 0.3, 0.0)
+    return np.where(force_kN > 0.0, 0.0, -0.3)
 
 
 @pytest.mark.parametrize("shown", [at_the_rail, of_two_values])
@@ -244,7 +244,8 @@ def test_compression_positive_files_are_inverted_once_and_found_by_their_gas_for
     x_mm, force = 5.0 * np.sin(2 * np.pi * time_s), 300.0 * np.cos(2 * np.pi * time_s) + 120.0  # pushing the rod out
     path = tmp_path / "a.csv"
     path.write_text("t_s,x_mm,F_N\n" + "".join(f"{t},{x},{f}\n" for t, x, f in zip(time_s, x_mm, force, strict=True)))
-    stated = {"columns": {"time": "t_s", "displacement": "x_mm", "force": "F_N"}, "current_A": 0.5, "mid_stroke_m": 1e-3}
+    columns = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+    stated = {"columns": columns, "current_A": 0.5, "mid_stroke_m": 1e-3}
     with pytest.warns(UserWarning, match=r"12\d N in rebound.*import again with --positive compression"):
         import_tests([path], out=tmp_path, **stated)  # type: ignore[arg-type]  # as the command passes them
     details = tmp_path / "customer.toml"
