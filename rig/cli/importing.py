@@ -258,15 +258,15 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
         raise problem
     stated = {name: options[name] for name in vars(Dialect()) if options.get(name) is not None}
     shown = console()
-    for title, columns, found in column_lists(files[0], Dialect(**stated)):
+    for title, columns, hints in column_lists(files[0], Dialect(**stated)):
         shown.print(f"{files[0]}{title}; its columns:", markup=False, soft_wrap=True)
         width = max(len(name) for name, _ in columns)
         for number, (name, unit) in enumerate(columns, 1):
             shown.print(f"  #{number:<4} {name:<{width}}  {unit or 'no unit: write NAME:UNIT'}", markup=False,
                         soft_wrap=True)
-        chosen = " ".join(found.get(quantity) or f"--column {quantity}=NAME"
+        chosen = " ".join(hints.get(quantity) or f"--column {quantity}=NAME"
                           for quantity in ("time", "displacement", "force"))
-        current = found.get("current") or "--current '0.5 A'"
+        current = hints.get("current") or "--current '0.5 A'"
         shown.print(f"Nothing was imported. Specify the columns:\n  rig import {shlex.join(map(str, files[:3]))}"
                     f"{' ...' * (len(files) > 3)} {chosen} {current}", markup=False, soft_wrap=True)
         break

@@ -52,7 +52,7 @@ def doubtful_signs(loops: Iterable[SignedLoop], positive: Positive) -> list[str]
         loops: the tests.
         positive: direction that was taken for positive in the files.
     """
-    known = [(size_N, middle_N, one.name) for one in loops if (found := _middle(one)) for size_N, middle_N in (found,)]
+    known = [(*forces_N, one.name) for one in loops if (forces_N := _middle(one)) is not None]
     if not known:
         return []
     size_N, middle_N, name = min(known)
