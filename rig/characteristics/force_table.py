@@ -7,16 +7,19 @@ constant between the reversals, gives a *constant velocity* table. One value for
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.signals.rounding import MOST_PLACES, places_of
 from rig.signals.waveform import TRIANGLE
 
 PEAK_VELOCITY, CONSTANT_VELOCITY = "peak velocity", "constant velocity"
+MOST_DIGITS = 4
+"""Of the largest force of a table: a load cell is uncertain by about 0.1 %, which variation between cycles hides."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,27 @@ class ForceTable:
         """Whether all motions have one amplitude, within 1 %."""
         amplitudes_m = [row.amplitude_m for row in self.rows]
         return max(amplitudes_m) <= 1.01 * min(amplitudes_m)
+
+    def places(self, unit_N: float = 1.0) -> int:
+        """Decimal places of all its forces: by the median of their uncertainties, at most `MOST_DIGITS` digits.
+
+        Args:
+            unit_N: the unit in which the forces are shown, N.
+        """
+        known = [cell for _, _, cell in self.tested]
+        forces = [abs(force) for one in known for force in (one.rebound_N, one.compression_N) if math.isfinite(force)]
+        stds = [std for one in known for std in (one.rebound_std_N, one.compression_std_N) if std > 0.0]
+        largest = max(forces, default=0.0) / unit_N
+        most = MOST_DIGITS - 1 - math.floor(math.log10(largest)) if largest > 0.0 else MOST_PLACES
+        return min(most, places_of(float(np.median(stds)) / unit_N)) if stds else max(0, most)
+
+    @property
+    def tested(self) -> Iterator[tuple[float, ForceRow, ForceCell]]:
+        """The cells that are not empty: current (A), row and cell."""
+        for row in self.rows:
+            for current_A, cell in zip(self.currents_A, row.cells, strict=True):
+                if cell is not None:
+                    yield current_A, row, cell
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; null for a number that is unknown."""

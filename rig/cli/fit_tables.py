@@ -78,7 +78,7 @@ def _held_out(fit: FitRecord) -> list[Table]:
     if fit.holdout is None or not fit.holdout.per_test:
         return []
     head = [
-        Column("test"), Column("error", "% of peak", True), Column("RMSE", "N", True), Column("cycle SD", "N", True),
+        Column("test"), Column("error", "% of ampl.", True), Column("RMSE", "N", True), Column("cycle SD", "N", True),
         Column("outside the fitted data"),
     ]  # fmt: skip
     rows = []
@@ -127,7 +127,7 @@ def _remarks(fit: FitRecord) -> Blocks:
 
 
 def _measures(error: ErrorSummary) -> str:
-    return f"RMSE {number(error.rmse_N, 3)} N, {number(error.nrmse_percent_of_peak, 3)} % of peak"
+    return f"RMSE {number(error.rmse_N, 3)} N, {number(error.nrmse_percent_of_peak, 3)} % of force amplitude"
 
 
 def _reasons(parameters: Mapping[str, Estimate]) -> list[str]:

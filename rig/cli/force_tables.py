@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rig.campaign_folder import CampaignFolder
 from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceTable
 from rig.document.blocks import Blocks, Column, Paragraph, table
+from rig.signals.rounding import rounded
 from rig.text_file import read_json
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def _blocks(one: ForceTable, shown: Display) -> Blocks:
 
 
 def _rows(one: ForceTable, shown: Display) -> Iterator[list[str]]:
+    places = one.places(shown.force.scale)
     for place, current_A in enumerate(one.currents_A):
         for row in one.rows:
             cell = row.cells[place]
@@ -64,9 +66,9 @@ def _rows(one: ForceTable, shown: Display) -> Iterator[list[str]]:
             )
             yield [
                 f"{current_A:.3g}", f"{shown.speed.value(row.speed_m_s):.3g}", *stroke,
-                *(_signed(shown.force, force_N) for force_N in forces),
+                *(_signed(shown.force, force_N, places) for force_N in forces),
             ]  # fmt: skip
 
 
-def _signed(shown: Shown, force_N: float) -> str:
-    return f"{shown.signed(force_N):.4g}" if math.isfinite(force_N) else "-"
+def _signed(shown: Shown, force_N: float, places: int) -> str:
+    return rounded(shown.signed(force_N), places) if math.isfinite(force_N) else "-"

@@ -88,7 +88,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     head = [
         Column("run"), *((Column("specimen"), Column("started")) if wide else ()), Column("verdict"),
         Column("valid", "", True), *([Column("recoverable", "", True)] if unfinished else []),
-        Column("fit and error, % of peak", "", True),
+        Column("fit and error, % of force amplitude", "", True),
     ]  # fmt: skip
     rows = []
     for run in runs:
@@ -135,7 +135,7 @@ def _summary(place: Path) -> dict[str, Any]:
 
 
 def _fit_error(path: Path) -> tuple[float | None, str]:
-    """The fit's mean error in percent of peak and its model; None and empty when nothing was fitted.
+    """The fit's mean error in percent of the force amplitude and its model; None and empty when nothing was fitted.
 
     Raises:
         FileProblem: the file is no fit.

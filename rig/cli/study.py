@@ -114,7 +114,7 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
         return EXIT_DONE
     head: list[Head] = [
-        *outcome.table.columns[:3], Column("validation error", "% of peak", True),
+        *outcome.table.columns[:3], Column("validation error", "% of force amplitude", True),
         Column("variance explained", "%", True),
     ]  # fmt: skip
     rows = [[written(cell) for cell in row[:5]] for row in outcome.table.rows]

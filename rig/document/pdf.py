@@ -473,6 +473,7 @@ def _cover(block: b.Cover, width: float) -> Iterator[Any]:
     yield Grid([[text, _logo(block.logo, room)]], colWidths=[width - room, room], style=[
         *_BARE, ("VALIGN", (0, 0), (-1, -1), "TOP"), ("ALIGN", (1, 0), (1, 0), "RIGHT"),
     ])  # fmt: skip
+    yield Spacer(0, GAP)
 
 
 def _logo(logo: Picture, room: float) -> Any:  # noqa: ANN401 - the library's

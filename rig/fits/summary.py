@@ -88,7 +88,7 @@ def _tested(tested: TestedRange) -> str:
 
 
 def _measures(error: ErrorSummary) -> str:
-    parts = (f"RMSE {number(error.rmse_N, 3)} N", f"{number(error.nrmse_percent_of_peak, 3)} % of peak")
+    parts = (f"RMSE {number(error.rmse_N, 3)} N", f"{number(error.nrmse_percent_of_peak, 3)} % of force amplitude")
     return ", ".join(parts).replace(NOTHING, "-")
 
 

@@ -167,6 +167,10 @@ def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
 
 def _shown(channel: Channel, display: Display) -> Channel:
     """A channel in the units of the display."""
+    if channel.unit == "degC":
+        of = display.temperature
+        shares = tuple(replace(share, value=share.value / of.scale) for share in channel.shares)
+        return replace(channel, unit=of.unit, peak=of.value(channel.peak), shares=shares)
     known = {"N": (display.force, 1.0), "mm": (display.displacement, 1e-3)}
     if channel.unit not in known:
         return channel

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rig.campaign_folder import CampaignFolder
+from rig.characteristics.loop import LoopCharacteristics
 from rig.display import Display
 from rig.document.blocks import Blocks, Cover, Heading, Note, Properties, Signatures
 from rig.document.moments import local_time
@@ -23,9 +24,12 @@ from rig.matrix.report_table import ReportTable
 from rig.matrix.sections import Specimen
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_words
+from rig.report.views import AS_AMPLITUDE, MotionTerms
+from rig.signals.waveform import waveform_named
 from rig.text_file import read_bytes
 
 SEPARATOR = " \N{MIDDLE DOT} "
+SPACE = "\N{NO-BREAK SPACE}"
 SPECIMEN_LABELS = {"stroke": "Stroke", "coil_resistance": "Coil resistance", "max_current": "Largest current"}
 """Entries of `[specimen]` that a customer reads; the others are in the appendix."""
 MOST_VALUES = 6
@@ -57,7 +61,7 @@ class Details:
     @classmethod
     def of(cls, run: Run, given: ReportTable | None = None) -> Details:
         """Of a run; `given` takes the place of the run's own `[report]`."""
-        tables = _matrix(run)
+        tables = matrix_tables(run)
         typed = _typed(run)
         table, logo, problems = (
             _own_table(run, tables.get("report")) if given is None else (given, given.picture, [])
@@ -123,15 +127,15 @@ def cover(run: Run, details: Details) -> Cover:
     when = started(run)
     made = (
         ("Imported" if _imported(run) else "Tested", local_time(when, seconds=False) if when else ""),
-        ("Operator", details.operator), ("Bench", bench_of(run)), ("Run", run.path.name),
+        ("Operator", details.operator), ("Bench", bench_of(run)),
     )  # fmt: skip
     title = table.title or f"Damper test report{f': {specimen}' if specimen else ''}"
-    lines = [_line(people), _line(made)]
+    lines = [_line(people), _line(made), _line((("Run", run.path.name),))]
     return Cover(title, tuple(line for line in lines if line), details.logo)
 
 
 def _line(pairs: Iterable[tuple[str, str | None]]) -> Words:
-    return joined([(f"{name} ", Strong(value)) for name, value in pairs if value], SEPARATOR)
+    return joined([(f"{name}{SPACE}", Strong(value)) for name, value in pairs if value], SEPARATOR)
 
 
 def _imported(run: Run) -> bool:
@@ -139,7 +143,8 @@ def _imported(run: Run) -> bool:
 
 
 def conditions(
-    run: Run, details: Details, display: Display, load_cell: Mapping[str, object] | None = None
+    run: Run, details: Details, display: Display, load_cell: Mapping[str, object] | None = None, *,
+    loops: Sequence[LoopCharacteristics] = (), terms: MotionTerms = AS_AMPLITUDE, gas_force: str = "",
 ) -> Blocks:
     """Specimen, people and conditions of the test, and lines for the signatures."""
     table = details.table
@@ -149,8 +154,8 @@ def conditions(
         **{label: details.specimen.get(key) for key, label in SPECIMEN_LABELS.items()},
         "Customer": table.customer, "Order number": table.order_number, "Laboratory": table.laboratory,
         "Operator": details.operator or "not given", "Bench": bench_of(run), "Load cell": _instrument(load_cell or {}),
-        "Motions": _motions(points, display), "Currents": _currents(points), "Cycles evaluated": _cycles(points),
-        "Coil temperature": _temperatures(points, display),
+        "Motions": _motions(points, display, terms), "Currents": _currents(points), "Cycles evaluated": _cycles(loops),
+        "Static gas force": gas_force, "Coil temperature": _temperatures(points, display),
         "Signs": f"force, displacement and velocity are positive in {display.positive}", "Conditions": table.conditions,
     }  # fmt: skip
     notes: dict[str, object] = {"Notes": "\n".join(details.notes[:MOST_NOTES])}
@@ -176,13 +181,19 @@ def _values(values: Iterable[float], unit: str) -> str:
     return f"{', '.join(map(number, known))} {unit}"
 
 
-def _motions(points: Sequence[RecordedPoint], display: Display) -> str:
+def _motions(points: Sequence[RecordedPoint], display: Display, terms: MotionTerms) -> str:
     lines = []
     for waveform in dict.fromkeys(point.waveform for point in points if point.has_frequency and not point.at_rest):
         own = [point for point in points if point.waveform == waveform and point.has_frequency]
         shown = display.displacement
-        amplitudes = _values((shown.value(point.amplitude_m) for point in own), shown.unit)
-        lines.append(f"{waveform}, {amplitudes}, {_values((point.frequency_Hz for point in own), 'Hz')}")
+        times, name = (2.0, "stroke") if terms.stroke else (1.0, "amplitude")
+        sizes = _values((times * shown.value(point.amplitude_m) for point in own), shown.unit)
+        rates = _values((point.frequency_Hz for point in own), "Hz")
+        if terms.by_speed(waveform):
+            speed, per_m_Hz = display.speed, waveform_named(waveform).peak_velocity
+            speeds = (speed.value(per_m_Hz * point.amplitude_m * point.frequency_Hz) for point in own)
+            rates = f"peak velocity {_values(speeds, speed.unit)}"
+        lines.append(f"{waveform}, {name} {sizes}, {rates}")
     lines += sorted({point.motion for point in points if not point.has_frequency})
     return "\n".join(lines)
 
@@ -191,8 +202,9 @@ def _currents(points: Sequence[RecordedPoint]) -> str:
     return _values((round(point.current_A, 3) for point in points), "A")
 
 
-def _cycles(points: Sequence[RecordedPoint]) -> str:
-    counts = sorted({point.quality.motion.cycles for point in points if point.quality.motion.cycles})
+def _cycles(loops: Sequence[LoopCharacteristics]) -> str:
+    """Cycles of a test from which its forces are: without the first and the last."""
+    counts = sorted({loop.cycles for loop in loops})
     if not counts:
         return ""
     return f"{counts[0]} per test" if len(counts) == 1 else f"{counts[0]} to {counts[-1]} per test"
@@ -209,7 +221,7 @@ def _temperatures(points: Sequence[RecordedPoint], display: Display) -> str:
     return f"{low:.1f} to {high:.1f} {display.temperature.symbol}"
 
 
-def _matrix(run: Run) -> Mapping[str, object]:
+def matrix_tables(run: Run) -> Mapping[str, object]:
     """The campaign's matrix file, or the details of an import, as written; empty where it is missing or damaged."""
     folder = CampaignFolder(run.path)
     file = folder.matrix if folder.matrix.is_file() else folder.details

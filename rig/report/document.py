@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,7 +34,7 @@ from rig.document.blocks import (
     with_contents,
 )
 from rig.document.moments import local_time
-from rig.document.numbers import known_digits, number
+from rig.document.numbers import number, with_uncertainty
 from rig.document.words import FAIR, GOOD, POOR, Code, Strong
 from rig.errors import RigError
 from rig.fits.fit_record import COIL, FitRecord, fit_in
@@ -47,21 +48,23 @@ from rig.report import fit as fit_sections
 from rig.report import loops, standard
 from rig.report.budget import budget
 from rig.report.cover import Details as CoverDetails
-from rig.report.cover import conditions, cover, mark_of
+from rig.report.cover import conditions, cover, mark_of, matrix_tables
 from rig.report.events import events
 from rig.report.hybrid import hybrid_section
 from rig.report.instruments import calibrations, doubts_of, instruments, sensors_of
 from rig.report.loops import Overlays, overlays
 from rig.report.over_current import parameters_over_current
-from rig.report.peak_forces import peak_force_std_N, peak_forces
+from rig.report.peak_forces import force_text, greatest, peak_forces
 from rig.report.plugin_sections import installed_sections
 from rig.report.point_tables import point_details, points_table, time_base_words
 from rig.report.signals import signals_section
 from rig.report.traces import time_traces
-from rig.report.views import PointView, completed_views, view_of
+from rig.report.views import AS_AMPLITUDE, MotionTerms, PointView, completed_views, view_of
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
+STATIC = "F0"
+"""Parameter of the models: the constant force, that of the gas at mid-stroke."""
 MISSING = "-without-"
 """In the codes of functions that a device does not support."""
 
@@ -81,6 +84,7 @@ class Material:
         sensors: attributes of the calibrated channels, of the first point that was recorded here.
         details: title, people, logo and conditions, as far as they are known.
         display: the units and signs in which all is shown.
+        terms: the terms in which the matrix states motions.
     """
 
     run: Run
@@ -93,6 +97,7 @@ class Material:
     sensors: Mapping[str, Mapping[str, Any]]
     details: CoverDetails
     display: Display
+    terms: MotionTerms = AS_AMPLITUDE
 
     @classmethod
     def of(cls, run: Run, details: DetailsFile | None = None) -> Material:
@@ -107,12 +112,13 @@ class Material:
         views, remark = views_of(run, fit)
         measured = {view.point.id: view.measured for view in views if view.measured is not None}
         characteristics = characterise(run, measured)
+        terms = MotionTerms.of(matrix_tables(run))
         recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
         return cls(
-            run, fit, completed_views(views, characteristics.loops, display), remark, characteristics,
+            run, fit, completed_views(views, characteristics.loops, display, terms), remark, characteristics,
             hybrid_tests(run), read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
             {} if recorded is None else sensors_of(recorded),
-            CoverDetails.of(run, None if details is None else details.report), display,
+            CoverDetails.of(run, None if details is None else details.report), display, terms,
         )  # fmt: skip
 
 
@@ -137,7 +143,7 @@ def report_of(of: Material) -> Document:
         blocks += fit_sections.quality(fit, of.display)
     blocks += [
         *loops.details(views, fitted=any(map(_has_fit, views))), *time_traces(views),
-        *standard.standard_tests(of.characteristics, of.display), *instruments(run, of.sensors),
+        *standard.standard_tests(of.characteristics, of.display), *instruments(run, of.sensors, of.display),
         *budget(views, loops_of, of.display), *calibrations(of.sensors), *unsupported(of.log or ()),
         *events(of.log), *installed_sections(run, fit), *provenance(run, fit, of.details),
     ]  # fmt: skip
@@ -157,17 +163,19 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     )
     more: Blocks = []
     if measured.further:
-        more = [Paragraph(f"Loops of {measured.further} further motions are in the appendix.", small=True)]
+        of_these = "1 further motion" if measured.further == 1 else f"{measured.further} further motions"
+        more = [Paragraph(f"The full report contains the loops of {of_these}.", small=True)]
     if not measured.first:
         first = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),
-            *peak_forces(of.characteristics.force_tables, of.display), *heading, *first,
+            *peak_forces(of.characteristics.force_tables, of.display, of.terms, _gas_force(of)), *heading, *first,
         )),
         Sheet((
             *_again(measured.keys if measured.first[on_first:] else ()), *second, *more,
-            *conditions(run, details, of.display, load_cell),
+            *conditions(run, details, of.display, load_cell, loops=of.characteristics.loops, terms=of.terms,
+                        gas_force=_gas_force(of)),
         )),
     )  # fmt: skip
 
@@ -274,18 +282,29 @@ def facts_of(of: Material) -> Facts:
 
 
 def _largest(of: Material) -> list[Fact]:
-    """The largest peak force in each direction, and where."""
-    known = [loop for loop in of.characteristics.loops if loop.peak_force_N.known]
+    """The greatest force of the force tables in each direction as they show it, and where."""
     shown, facts = of.display, list[Fact]()
-    for place, name in enumerate(("rebound", "compression")):
-        if not known:
-            break
-        loop = max(known, key=lambda one: abs(one.peak_force_N[place]))
-        std_N = peak_force_std_N(loop)
-        force = known_digits(shown.force.signed(loop.peak_force_N[place]), shown.force.value(std_N))
-        at = f"{number(loop.level_A, 3)} A, {shown.speed.text(loop.peak_speed_m_s, 3)}"
-        facts.append(Fact(f"{force} {shown.force.unit}", f"largest force in {name} ({at})"))
+    for name, rebound in (("rebound", True), ("compression", False)):
+        most = greatest(of.characteristics.force_tables, rebound=rebound)
+        if most is not None:
+            table, current_A, row, cell = most
+            at = f"{number(current_A, 3)} A, {shown.speed.text(row.speed_m_s, 3)}"
+            force = f"{force_text(table, cell, shown, rebound=rebound)} {shown.force.unit}"
+            facts.append(Fact(force, f"greatest {name} force at {table.kind} ({at})"))
     return facts
+
+
+def _gas_force(of: Material) -> str:
+    """The static gas force with its sign and source: of a slow test, else the constant force of the fit; else empty."""
+    shown = of.display.force
+    for test in of.characteristics.friction:
+        force = with_uncertainty(shown.signed(test.gas_force_N.value), shown.value(test.gas_force_N.std))
+        return f"{force} {shown.unit} (measured at {of.display.speed.text(test.speed_m_s, 3)})"
+    fitted = None if of.fit is None or of.fit.adequate is False else of.fit.parameters.get(STATIC)
+    if fitted is None or fitted.value is None or not fitted.identifiable or fitted.unit != "N":
+        return ""
+    std_N = math.nan if fitted.standard_error is None else fitted.standard_error
+    return f"{with_uncertainty(shown.signed(fitted.value), shown.value(std_N))} {shown.unit} (fitted, {STATIC})"
 
 
 def _verdict(fit: FitRecord | None) -> list[Fact]:
@@ -297,7 +316,7 @@ def _verdict(fit: FitRecord | None) -> list[Fact]:
     if not fit.adequate:
         return [Fact("Model does not fit", "its error exceeds the repeatability of the tests", POOR)]
     error = f"{number(fit.error.nrmse_percent_of_peak, 2)} %"
-    return [Fact("Model fits", f"within measurement noise; error {error} of peak force", GOOD)]
+    return [Fact("Model fits", f"within measurement noise; RMS error {error} of force amplitude, mean of tests", GOOD)]
 
 
 def _errors(fit: FitRecord, display: Display) -> list[Fact]:
@@ -305,7 +324,7 @@ def _errors(fit: FitRecord, display: Display) -> list[Fact]:
     known = f"{len(fit.identifiable)} of {len(fit.parameters)}"
     facts = [
         Fact(fit.model, f"model, fitted by {fit_sections.METHODS.get(fit.method, fit.method)}"),
-        Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error relative to peak force, mean of all tests"),
+        Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "RMS error / force amplitude, mean of all tests"),
         Fact(f"{number(display.force.value(fit.error.rmse_N), 3)} {display.force.unit}", "RMS error"),
         Fact(known, "parameters identified"),
     ]
@@ -336,7 +355,7 @@ def warnings(run: Run) -> Blocks:
     """What a reader must know before believing the measurements."""
     notes: Blocks = [Note(POOR, line) for line in run.unreadable]
     if count := _count(run, "invalid"):
-        notes.append(Note(POOR, f"{_points(count)} invalid and not used; see the remarks in the table of test points."))
+        notes.append(Note(POOR, f"{_points(count)} invalid and not used; see the remarks in the full report."))
     if count := _count(run, "suspect"):
         use = Code("rig identify --suspect")
         stated = f"{_points(count)} suspect and excluded from the fit; to include suspect points, use "

@@ -30,7 +30,7 @@ def figures(run: Path | str | Run) -> dict[str, Plot]:
     """
     campaign = run if isinstance(run, Run) else Run.open(run)
     material = Material.of(campaign)
-    drawn = {f"overview/{motion}": figure for motion, figure in loops.overview_figures(material.views).items()}
+    drawn = {f"overview/{view.figure_name}": figure for view, figure in loops.overview_figures(material.views)}
     for view in material.views:
         drawn |= {f"loops/{view.point.id}/{name}": figure for name, figure in loops.loop_figures(view).items()}
     for view in chosen(material.views):

@@ -45,6 +45,7 @@ from rig.fits.entries import (
     UnseenTest,
 )
 from rig.fits.fit_record import FitRecord
+from rig.report.display_text import in_display
 from rig.signals.arrays import FloatArray
 
 WELL_KNOWN_PERCENT, KNOWN_PERCENT = 2.0, 20.0
@@ -104,7 +105,9 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
         parts.append(Heading("Not identifiable from these data", 3))
         rows = [Row(tuple(cells), faded=True) for cells in unknown]
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Reason"], rows, (1,)))
-    parts += [*_diagnosis(fit), *_next_tests(fit), *_profiles(fit), *selection(fit), *cross_validation(fit)]
+    parts += [
+        *_diagnosis(fit), *_next_tests(fit, display), *_profiles(fit), *selection(fit), *cross_validation(fit, display),
+    ]
     return parts + [Paragraph(note, small=True) for note in fit.notes]
 
 
@@ -217,13 +220,17 @@ def _diagnosis(fit: FitRecord) -> Blocks:
     return [*section("Probable causes of the misfit", note, 3), table(head, rows)]
 
 
-def _next_tests(fit: FitRecord) -> Blocks:
+def _next_tests(fit: FitRecord, display: Display) -> Blocks:
     if not fit.next_tests:
         return []
     note = "Add these lines to the matrix file. The gain is predicted from the fitted model and the noise in the tests."
     return [
         *section("Proposed next tests", note, 3),
-        *(block for one in fit.next_tests for block in (Paragraph(one.text), Listing(one.toml.strip()))),
+        *(
+            block for one in fit.next_tests for block in (
+                Paragraph(in_display(one.text, display)), Listing(in_display(one.toml.strip(), display)),
+            )
+        ),
     ]
 
 
@@ -330,7 +337,7 @@ def selection(fit: FitRecord) -> Blocks:
 
 
 def _validation_errors(of: ModelScore | Reference, *, also_within: bool) -> tuple[float | None, ...]:
-    """Mean error on unseen tests and, where requested, on those of them within the fitted data (% of peak)."""
+    """Mean error (% of force amplitude) on unseen tests and, where requested, on those within the fitted data."""
     within = (of.within_nrmse_percent_of_peak,) if also_within else ()
     return (of.holdout_nrmse_percent_of_peak, *within)
 
@@ -350,7 +357,7 @@ def _outside_words(beyond: Mapping[str, Sequence[str]]) -> str:
     return "; ".join(f"{test} ({outside(names)})" for test, names in beyond.items())
 
 
-def cross_validation(fit: FitRecord) -> Blocks:
+def cross_validation(fit: FitRecord, display: Display = SI) -> Blocks:
     """Errors on tests of each amplitude and frequency, by a fit to the others; empty where that was not requested."""
     unseen = fit.unseen
     if unseen is None or not unseen.per_test:
@@ -361,12 +368,12 @@ def cross_validation(fit: FitRecord) -> Blocks:
         motion = pair.amplitude_m, pair.frequency_Hz
         here = [test for test in unseen.per_test if (test.amplitude_m, test.frequency_Hz) == motion]
         cells = [_cell([test for test in here if test.current_A == current]) for current in currents]
-        name = f"{number(1e3 * motion[0], 3)} mm {number(motion[1], 3)} Hz"
+        name = f"{display.displacement.text(motion[0], 3)} {number(motion[1], 3)} Hz"
         rows.append([name, *cells, number(pair.nrmse_percent_of_peak, 3)])
     head: list[Head] = ["Excluded motion", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
         "Each amplitude and frequency is predicted with the same model fitted to all other motions. Errors are in % "
-        f"of the peak force. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} "
+        f"of the force amplitude. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} "
         f"%{extrapolated_words(unseen)}."
     )
     made = table(head, rows, range(1, len(head)))

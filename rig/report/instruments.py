@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rig.campaign.preflight.zero_return import read_zero_checks
+from rig.display import SI, Display
 from rig.document.blocks import Blocks, Column, Head, Heading, Note, Row, section, table
 from rig.document.numbers import NOTHING, PLUS_MINUS, number, signed
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Label, Strong
@@ -14,6 +15,7 @@ from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.quality.cross_checks import CheckState, CrossCheck, checked, cross_checks, doubts, instruments_of
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from rig.report.display_text import in_display
 from rig.signals.estimate import Estimate
 
 AUXILIARIES = tuple(f"auxiliary_{n}" for n in range(1, 8))
@@ -33,7 +35,7 @@ def sensors_of(point: RecordedPoint) -> dict[str, dict[str, Any]]:
     return {name: attributes for name, attributes in known.items() if "serial_number" in attributes}
 
 
-def instruments(run: Run, sensors: Sensors) -> Blocks:
+def instruments(run: Run, sensors: Sensors, display: Display = SI) -> Blocks:
     """A table of all instruments; empty where nothing was recorded on a bench."""
     checks = [*checks_of(run, sensors), *zero_returns(run)]
     if not checks:
@@ -44,7 +46,7 @@ def instruments(run: Run, sensors: Sensors) -> Blocks:
         "this is not a calibration. The allowed values are set in the bench file, in ", Code("[checks]"), ".",
     )  # fmt: skip
     head: list[Head] = ["Instrument", "Property", "Compared with", Column("Difference", "", True), "Allowed", "Result"]
-    return [*section("Sensor cross-checks", note), table(head, [_row(check) for check in checks])]
+    return [*section("Sensor cross-checks", note), table(head, [_row(check, display) for check in checks])]
 
 
 def checks_of(run: Run, sensors: Sensors) -> tuple[CrossCheck, ...]:
@@ -86,10 +88,11 @@ def doubts_of(points: Sequence[RecordedPoint]) -> Blocks:
     return [Note(POOR, (Strong("Calibration in doubt (bench)."), f" {line}")) for line in doubts(points)]
 
 
-def _row(check: CrossCheck) -> Row:
+def _row(check: CrossCheck, display: Display) -> Row:
     return Row((
-        check.instrument, check.what, check.against, signed(check.difference) or NOTHING,
-        signed(check.allowed) or NOTHING,
+        check.instrument, check.what, check.against,
+        signed(in_display(check.difference, display, directed=True)) or NOTHING,
+        signed(in_display(check.allowed, display)) or NOTHING,
         Label(str(check.state), SEVERITIES.get(check.state, GOOD)),
     ), faded=check.state == CheckState.UNCHECKED)  # fmt: skip
 

@@ -19,7 +19,7 @@ from rig.signals.arrays import FloatArray
 from rig.test_point import HYBRID, SIGNAL
 
 K = TypeVar("K", bound=Hashable)
-MOST_ON_PAGES = 4
+MOST_ON_PAGES = 5
 """Motions whose loops are on the first two printed pages."""
 
 
@@ -121,18 +121,18 @@ def model_overview(views: Sequence[PointView]) -> Blocks:
         return []
     keys = (*current_keys(_currents([view for view in views if view.loop is not None])),
             Key("fitted", OVERLAID, dashed=True))  # fmt: skip
-    cards = tuple(Card(Strong(motion), (Figures((figure,)),)) for motion, figure in overview_figures(views).items())
+    cards = tuple(Card(Strong(view.group), (Figures((figure,)),)) for view, figure in overview_figures(views))
     return [Heading("Measured and fitted loops", 3), Keys(keys, "One cycle at "), Cards(cards)]
 
 
-def overview_figures(views: Sequence[PointView]) -> dict[str, Figure]:
-    """Force over velocity by the motion's name, all currents in one figure."""
+def overview_figures(views: Sequence[PointView]) -> list[tuple[PointView, Figure]]:
+    """Force over velocity of each motion, all currents in one figure, with a point of the motion."""
     drawn = [view for view in views if view.loop is not None]
-    return {
-        motion: _overlay(group, _currents(drawn), velocity_axis(group[0].display), velocity_of,
-                         f"Force vs. velocity, {motion}", fitted=True, size=(400, 270))
+    return [
+        (group[0], _overlay(group, _currents(drawn), velocity_axis(group[0].display), velocity_of,
+                            f"Force vs. velocity, {motion}", fitted=True, size=(400, 270)))
         for motion, group in _grouped(drawn, lambda view: view.group)
-    }  # fmt: skip
+    ]  # fmt: skip
 
 
 def details(views: Sequence[PointView], *, fitted: bool) -> Blocks:
@@ -159,7 +159,7 @@ def details(views: Sequence[PointView], *, fitted: bool) -> Blocks:
 
 def _card(view: PointView, force: Range, residual: Range) -> Card:
     error = view.error_percent
-    stated = motion_of(view) + (" " if error is None else f", error {number(error, 3)} % of peak ")
+    stated = motion_of(view) + (" " if error is None else f", error {number(error, 3)} % of force amplitude ")
     title: list[str | Span] = [Strong(view.point.id), " ", verdict(view.point.verdict), " ", stated]
     if view.held_out:
         title.append(Label(validation_words(view.beyond)))

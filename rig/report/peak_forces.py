@@ -13,9 +13,11 @@ from rig.characteristics.loop import LoopCharacteristics
 from rig.display import Display
 from rig.document.blocks import Beside, Blocks, Column, Figures, Head, Heading, Keys, Paragraph, Row, table
 from rig.document.figure import Axis, Figure, Style, Trace
-from rig.document.numbers import NOTHING, known_digits, number
+from rig.document.numbers import NOTHING, number, signed
 from rig.document.style import current_colour
 from rig.document.words import Key, Strong, Words
+from rig.report.views import AS_AMPLITUDE, MotionTerms
+from rig.signals.rounding import rounded
 
 T = TypeVar("T")
 MOST_CURRENTS = 8
@@ -29,16 +31,19 @@ SHARE = 0.47
 TITLE = "Forces and peak-velocity plot (PVP)"
 
 
-def peak_forces(tables: Sequence[ForceTable], display: Display) -> Blocks:
-    """Plot and tables beside each other; empty without any loop."""
+def peak_forces(
+    tables: Sequence[ForceTable], display: Display, terms: MotionTerms = AS_AMPLITUDE, gas: str = "",
+) -> Blocks:
+    """Plot and tables beside each other; empty without any loop. `gas` is the static gas force in words."""
     if not tables:
         return []
-    shown = [block for one in tables for block in _table(one, display)]
+    shown = [block for one in tables for block in _table(one, display, terms)]
+    note = _note(tables, display, gas)
     figure = peak_velocity_plot(tables, display)
     if figure is None:
-        return [Heading(TITLE, listed="Forces"), *shown, _note()]
+        return [Heading(TITLE, listed="Forces"), *shown, note]
     plot = (Keys(current_keys(_levels(tables))), Figures((figure,)))
-    return [Heading(TITLE, listed="Forces"), Beside(plot, (*shown, _note()), SHARE)]
+    return [Heading(TITLE, listed="Forces"), Beside(plot, (*shown, note), SHARE)]
 
 
 def levels_of(loops: Sequence[LoopCharacteristics]) -> list[float]:
@@ -80,12 +85,12 @@ def peak_velocity_plot(tables: Sequence[ForceTable], display: Display) -> Figure
     return Figure(speed, force, traces, 480, 300, title="Peak-velocity plot (PVP)")
 
 
-def _table(of: ForceTable, display: Display) -> Blocks:
+def _table(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
     """One waveform's forces: rows of velocity and columns of current, or a list where few of them were tested."""
     cells = sum(cell is not None for row in of.rows for cell in row.cells)
     if len(of.currents_A) > MOST_CURRENTS or cells < FILLED * len(of.rows) * len(of.currents_A):
-        return _listed(of, display)
-    return _by_velocity_and_current(of, display)
+        return _listed(of, display, terms)
+    return _by_velocity_and_current(of, display, terms)
 
 
 def _title(of: ForceTable, display: Display) -> str:
@@ -93,7 +98,7 @@ def _title(of: ForceTable, display: Display) -> str:
     return f"{display.force.title(f'Force at {velocity}')} ({display.force.unit}), {of.waveform}"
 
 
-def _by_velocity_and_current(of: ForceTable, display: Display) -> Blocks:
+def _by_velocity_and_current(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
     """Rebound, then compression: a row for each motion, by its velocity, a column for each current."""
     rows_of, more = _some(of.rows, MOST_ROWS // 2)
     head: list[Head] = [
@@ -104,13 +109,13 @@ def _by_velocity_and_current(of: ForceTable, display: Display) -> Blocks:
     for title, rebound in (("Rebound", True), ("Compression", False)):
         rows.append(Row((Strong(title), *[""] * (len(head) - 1))))
         for one in rows_of:
-            motion = [] if of.constant_stroke else [_motion(one, display)]
-            forces = [NOTHING if cell is None else _force(cell, display, rebound=rebound) for cell in one.cells]
+            motion = [] if of.constant_stroke else [terms.size(of.waveform, one.amplitude_m, one.frequency_Hz, display)]
+            forces = [NOTHING if cell is None else force_text(of, cell, display, rebound=rebound) for cell in one.cells]
             rows.append(Row((number(display.speed.value(one.speed_m_s), 3), *motion, *forces)))
     return [table(head, rows, title=_title(of, display)), *_more(more)]
 
 
-def _listed(of: ForceTable, display: Display) -> Blocks:
+def _listed(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
     """A row for each test, by current and velocity."""
     head: list[Head] = [
         Column("Current", "A", True), Column("Velocity", display.speed.unit, True), Column("Rebound", "", True),
@@ -122,8 +127,9 @@ def _listed(of: ForceTable, display: Display) -> Blocks:
     ]
     shown, more = _some(tests, MOST_ROWS)
     rows: list[list[Words]] = [
-        [number(current_A), number(display.speed.value(row.speed_m_s), 3), _force(cell, display, rebound=True),
-         _force(cell, display, rebound=False), _motion(row, display)] for current_A, row, cell in shown
+        [number(current_A), number(display.speed.value(row.speed_m_s), 3), force_text(of, cell, display, rebound=True),
+         force_text(of, cell, display, rebound=False),
+         terms.size(of.waveform, row.amplitude_m, row.frequency_Hz, display)] for current_A, row, cell in shown
     ]  # fmt: skip
     return [table(head, rows, title=_title(of, display)), *_more(more)]
 
@@ -137,27 +143,43 @@ def _some(members: Sequence[T], most: int) -> tuple[list[T], int]:
 
 def _more(count: int) -> Iterator[Paragraph]:
     if count:
-        yield Paragraph(f"{count} further rows are in the table of test points.", small=True)
+        yield Paragraph(f"{count} further rows are in the full report.", small=True)
 
 
-def _force(cell: ForceCell, display: Display, *, rebound: bool) -> str:
-    """A force at the row's velocity, rounded to its uncertainty."""
-    value_N, std_N = (
-        (cell.rebound_N, cell.rebound_std_N) if rebound else (cell.compression_N, cell.compression_std_N)
-    )
-    return known_digits(display.force.signed(value_N), display.force.value(std_N))
+def force_text(of: ForceTable, cell: ForceCell, display: Display, *, rebound: bool) -> str:
+    """A force at the row's velocity with the decimal places of its table, without the unit."""
+    value_N = cell.rebound_N if rebound else cell.compression_N
+    if not math.isfinite(value_N):
+        return NOTHING
+    return signed(rounded(display.force.signed(value_N), of.places(display.force.scale)))
 
 
-def _motion(row: ForceRow, display: Display) -> str:
-    return f"{display.displacement.text(row.amplitude_m)}, {row.frequency_Hz:.4g} Hz"
+def greatest(tables: Sequence[ForceTable], *, rebound: bool) -> tuple[ForceTable, float, ForceRow, ForceCell] | None:
+    """The most positive rebound force (SI) of the tables, or the most negative compression force; None without any.
+
+    Returns:
+        The table, the current (A), the row and the cell.
+    """
+    known = [(one, *tested) for one in tables for tested in one.tested]
+    if rebound:
+        known = [entry for entry in known if math.isfinite(entry[3].rebound_N)]
+        return max(known, key=lambda entry: entry[3].rebound_N, default=None)
+    known = [entry for entry in known if math.isfinite(entry[3].compression_N)]
+    return min(known, key=lambda entry: entry[3].compression_N, default=None)
 
 
-def _note() -> Paragraph:
-    text = (
-        "Mean force at the peak velocity of each motion, gas force included, rounded to its standard uncertainty "
-        "(variation between cycles; calibration not included)."
-    )
-    return Paragraph(text, small=True)
+def _note(tables: Sequence[ForceTable], display: Display, gas: str) -> Paragraph:
+    lines = [
+        "Mean force at the velocity of each row, gas force included, with the decimal places of the table's median "
+        "standard uncertainty (variation between cycles; calibration not included) and at most four digits.",
+        f"Forces are positive in {display.positive}.",
+    ]
+    if any(cell.rebound_N < 0.0 for one in tables for _, _, cell in one.tested):
+        sign = "positive" if display.positive == "compression" else "negative"
+        lines.append(f"A {sign} rebound force means that the gas force exceeds the damping force.")
+    if gas:
+        lines.append(f"Static gas force: {gas}.")
+    return Paragraph(" ".join(lines), small=True)
 
 
 def peak_force_std_N(loop: LoopCharacteristics) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.peak_force import PeakForce
+from rig.signals.waveform import WAVEFORMS, waveform_named
 from rig.test_point import HYBRID
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
@@ -42,6 +43,51 @@ class Loop:
 
 
 @dataclass(frozen=True)
+class MotionTerms:
+    """The terms in which the matrix states cyclic motions: stroke for amplitude, peak speed for frequency."""
+
+    stroke: bool = False
+    speed: bool = False
+
+    @classmethod
+    def of(cls, matrix: Mapping[str, object]) -> MotionTerms:
+        """Of the tables of a matrix file as they are written; of the first that states the size of a motion."""
+        points = matrix.get("point")
+        for table in (matrix.get("matrix"), *(points if isinstance(points, list) else ())):
+            keys = {str(key).partition("_")[0] for key in table} if isinstance(table, Mapping) else set()
+            if keys & {"amplitude", "stroke", "speed"}:
+                return cls("stroke" in keys, "speed" in keys and "frequency" not in keys)
+        return cls()
+
+    def size(self, waveform: str, amplitude_m: float, frequency_Hz: float, display: Display) -> str:
+        """Size and rate of a motion: "amplitude 50 mm, 1 Hz", "stroke 2 in, 10 in/s"."""
+        return f"{self.length(amplitude_m, display)}, {self.rate(waveform, amplitude_m, frequency_Hz, display)}"
+
+    def words(self, waveform: str, amplitude_m: float, frequency_Hz: float, display: Display) -> str:
+        """A motion with its waveform: "sine, amplitude 50 mm, 1 Hz"."""
+        return f"{waveform}, {self.size(waveform, amplitude_m, frequency_Hz, display)}"
+
+    def length(self, amplitude_m: float, display: Display) -> str:
+        """Amplitude or stroke with its word."""
+        shown = display.displacement
+        return f"stroke {shown.text(2.0 * amplitude_m)}" if self.stroke else f"amplitude {shown.text(amplitude_m)}"
+
+    def rate(self, waveform: str, amplitude_m: float, frequency_Hz: float, display: Display) -> str:
+        """Peak speed or frequency."""
+        if not self.by_speed(waveform):
+            return f"{frequency_Hz:.4g} Hz"
+        return display.speed.text(waveform_named(waveform).peak_velocity * amplitude_m * frequency_Hz)
+
+    def by_speed(self, waveform: str) -> bool:
+        """Whether the rate of such a motion is named by its peak speed."""
+        return self.speed and waveform in WAVEFORMS
+
+
+AS_AMPLITUDE = MotionTerms()
+"""Amplitude and frequency."""
+
+
+@dataclass(frozen=True)
 class PointView:
     """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit; None without.
 
@@ -56,10 +102,11 @@ class PointView:
     measured: Measurement | None = field(default=None, repr=False)
     standard: LoopCharacteristics | None = field(default=None, repr=False)
     display: Display = SI
+    terms: MotionTerms = AS_AMPLITUDE
 
     @property
     def error_percent(self) -> float | None:
-        """Error of the fit on this point, % of peak force; None where it is not known."""
+        """Error of the fit on this point, % of force amplitude; None where it is not known."""
         error = math.nan if self.error is None else self.error.nrmse_percent_of_peak
         return None if math.isnan(error) else error
 
@@ -88,15 +135,24 @@ class PointView:
         """The motion to which the point belongs, in words."""
         if self.standard is None:
             return motion_of(self)
-        return motion_words(self.point.waveform, *self.standard.group, display=self.display)
+        return self.terms.words(self.point.waveform, *self.standard.group, self.display)
+
+    @property
+    def figure_name(self) -> str:
+        """The motion as `rig.report.figures` names it, whatever the matrix states: "sine, 50 mm, 1 Hz"."""
+        if self.standard is None or not self.point.has_frequency:
+            return motion_of(self)
+        amplitude_m, frequency_Hz = self.standard.group
+        return f"{self.point.waveform}, {self.display.displacement.text(amplitude_m)}, {frequency_Hz:.4g} Hz"
 
 
 def completed_views(
-    views: Sequence[PointView], loops: Sequence[LoopCharacteristics], display: Display
+    views: Sequence[PointView], loops: Sequence[LoopCharacteristics], display: Display,
+    terms: MotionTerms = AS_AMPLITUDE,
 ) -> list[PointView]:
     """The points with the results of the standard tests, as they are to be shown."""
     known = {loop.id: loop for loop in loops}
-    return [replace(view, standard=known.get(view.point.id), display=display) for view in views]
+    return [replace(view, standard=known.get(view.point.id), display=display, terms=terms) for view in views]
 
 
 def view_of(
@@ -146,13 +202,8 @@ def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
 
 
 def motion_of(view: PointView) -> str:
-    """A point's motion as people say it: "sine, 50 mm, 1 Hz"; of what has no frequency, "road iso8608-c, 10 mm"."""
+    """A point's motion: "sine, amplitude 50 mm, 1 Hz"; of what has no frequency, "road iso8608-c, 10 mm"."""
     point = view.point
     if not point.has_frequency:
         return f"{point.motion}, {view.display.displacement.text(point.amplitude_m, 3)}"
-    return motion_words(point.waveform, point.amplitude_m, point.frequency_Hz, display=view.display)
-
-
-def motion_words(waveform: str, amplitude_m: float, frequency_Hz: float, *, display: Display = SI) -> str:
-    """A motion as people say it: "sine, 50 mm, 1 Hz"."""
-    return f"{waveform}, {display.displacement.text(amplitude_m)}, {frequency_Hz:.4g} Hz"
+    return view.terms.words(point.waveform, point.amplitude_m, point.frequency_Hz, view.display)

@@ -220,7 +220,7 @@ def test_force_tables_have_a_row_for_each_current_and_velocity_in_the_units_of_t
     title, _head, *shown_rows = text.getvalue().splitlines()
     assert title == "Force at peak velocity (PVP), sine; compression positive"
     assert [row.split() for row in shown_rows] == [
-        ["0", "10", "2", "200", "-100", "-", "-101.2"], ["1.5", "20", "4", "200", "-100", "-", "-101.2"],
+        ["0", "10", "2", "200.0", "-100.0", "-", "-101.2"], ["1.5", "20", "4", "200.0", "-100.0", "-", "-101.2"],
     ]  # fmt: skip
     show(force_blocks([ForceTable("constant velocity", "triangle", (0.0, 1.5), rows[:1])], Display()), console)
     assert "Force at constant velocity, triangle, stroke 50.8 mm" in text.getvalue()

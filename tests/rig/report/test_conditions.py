@@ -6,13 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.characteristics.force_table import ForceCell, ForceRow, ForceTable
+from rig.display import Display
 from rig.document.html import fragment
 from rig.recording.journal.campaign_log import CampaignLog, read_log
 from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
+from rig.report.display_text import in_display
+from rig.report.peak_forces import force_text, greatest, peak_forces
 from rig.report.point_tables import point_details
-from rig.report.views import PointView
+from rig.report.views import MotionTerms, PointView
 
 TIME_S = np.arange(0.0, 4.0, 0.004)
 
@@ -45,6 +49,32 @@ def test_what_the_campaign_waited_for_is_reported_in_its_own_words(tmp_path: Pat
     page = fragment(point_details([a_point(30.0)], read_log(tmp_path)))
     assert page.count("<li>") == 1
     assert "cooling down from 55 to 44.8 degC" in page
+
+
+def test_the_greatest_forces_are_those_of_each_direction_where_the_gas_force_exceeds_the_damping_force() -> None:
+    slow, fast = (
+        ForceRow(speed_m_s, 0.0254, 1.0, (ForceCell(("p001",), rebound_N, compression_N, std_N, std_N, 0.0, 0.0),))
+        for speed_m_s, rebound_N, compression_N, std_N in (
+            (0.0508, -219.05, -300.647, 0.03), (0.3556, 55.43, -453.7, 1.2),
+        )
+    )
+    table = ForceTable("peak velocity", "sine", (0.0,), (slow, fast))
+    us = Display.of({"force": "lbf", "displacement": "in", "speed": "in/s", "positive": "compression"})
+    for rebound, force in ((True, "\N{MINUS SIGN}12.5"), (False, "102.0")):
+        found = greatest([table], rebound=rebound)
+        assert found is not None
+        assert found[2:] == (fast, fast.cells[0])
+        assert force_text(table, found[3], us, rebound=rebound) == force
+    assert force_text(table, ForceCell((), -219.05, 0.0, 0.03, 0.03, 0.0, 0.0), us, rebound=True) == "49.2"
+    page = fragment(peak_forces([table], us, gas="60.7 lbf"))
+    assert "A positive rebound force means that the gas force exceeds the damping force." in page
+    table = ForceTable("peak velocity", "sine", (0.0,), (fast,))
+    assert "positive rebound force" not in fragment(peak_forces([table], us))
+    terms = MotionTerms.of({"matrix": {"stroke": ["2 in"], "speed_in_s": ["2 in/s"]}})
+    assert terms.words("sine", 0.0254, 1.0 / np.pi, us) == "sine, stroke 2 in, 2 in/s"
+    assert MotionTerms.of({}).words("sine", 0.0254, 1.0, us) == "sine, amplitude 1 in, 1 Hz"
+    assert in_display("+0.35 +- 0.12 N", us, directed=True) == "-0.079 +- 0.027 lbf"
+    assert in_display("a sine of 81 mm at 1.5 Hz", us) == "a sine of 3.189 in at 1.5 Hz"
 
 
 def test_tests_without_a_command_have_no_such_column() -> None:

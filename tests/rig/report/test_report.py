@@ -124,6 +124,10 @@ def test_verdict_forces_loops_and_conditions_come_first_then_the_model_then_the_
              "Test points", "Quality of the fit", "Loops for all points", "Time traces", "Standard damper tests",
              "Provenance"]
     assert headings == order
+    forces = page[page.index("Forces and peak-velocity plot (PVP)</h2>"):page.index("Force loops</h2>")]
+    for name in ("rebound", "compression"):
+        (fact,) = re.findall(rf">([^<>]+) N<[^>]*>\s*(?:<[^>]*>\s*)*greatest {name} force at peak velocity", page)
+        assert f">{fact}</td>" in forces, "the table shows the same number"
     assert page.index(">Model fits<") < page.index("Forces and peak-velocity plot (PVP)</h2>")
     links = re.findall(r'<a href="#([^"]*)"', page)
     assert re.findall(r'<h2 id="([^"]*)"', page) == links
