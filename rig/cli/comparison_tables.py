@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rig.comparison.acceptance import PERCENT, AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import Comparison
-from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES
+from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading, plain
+from rig.display import Display, Shown
 from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, table
 from rig.document.numbers import MINUS, known_digits
 from rig.document.terminal import Line, lines
@@ -27,7 +28,8 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
     """Verdict, runs, changes against the first, remarks."""
     blocks: Blocks = []
     if compared.judgement is not None:
-        blocks += _acceptance(compared.judgement, len(compared.runs) > 1, everything=everything)
+        several = len(compared.runs) > 1
+        blocks += _acceptance(compared.judgement, compared.display, several=several, everything=everything)
     for index, run in enumerate(compared.runs):
         label = "first" if index == 0 and len(compared.runs) > 1 else f"run {index + 1}"
         blocks.append(Paragraph(f"{label}: {run.name}, specimen {run.specimen or 'unknown'}"))
@@ -36,12 +38,12 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
     return blocks + [Note(FAIR, f"remark: {remark}") for remark in compared.remarks]
 
 
-def _acceptance(acceptance: AcceptanceResult, several: bool, *, everything: bool) -> Blocks:
+def _acceptance(acceptance: AcceptanceResult, display: Display, *, several: bool, everything: bool) -> Blocks:
     total, bad = len(acceptance.results), acceptance.not_passed
     if acceptance.passed:
         least = min(acceptance.results, key=lambda result: _or_infinite(result.margin_percent))
         stated = f"PASS against {acceptance.bands.name}: all {total} values within their bands; smallest margin: "
-        verdict = Note(GOOD, stated + f"{least.quantity}, {_margin(least)}")
+        verdict = Note(GOOD, stated + f"{least.title}, {_margin(least, display)}")
     else:
         kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
                  if (count := sum(result.state == state for result in bad))]  # fmt: skip
@@ -50,25 +52,24 @@ def _acceptance(acceptance: AcceptanceResult, several: bool, *, everything: bool
             f"FAIL against {acceptance.bands.name}: {len(bad)} of {total} values did not pass ({', '.join(kinds)})",
         )  # fmt: skip
     shown = acceptance.results if everything else bad
-    blocks: Blocks = [verdict, *(Note(SEVERITIES[result.state], _result(result, several)) for result in shown)]
+    notes = [Note(SEVERITIES[result.state], _result(result, display, several=several)) for result in shown]
+    blocks: Blocks = [verdict, *notes]
     if not everything and len(bad) < total:
         blocks.append(Paragraph(f"{total - len(bad)} passed; use --all to show every value"))
     return [*blocks, Paragraph("")]
 
 
-def _result(result: Result, several: bool) -> str:
+def _result(result: Result, display: Display, *, several: bool) -> str:
     """One value on a line of its own."""
-    name = f"change of {result.quantity}" if result.change else result.quantity
-    place = f"{result.where}" + (f" ({', '.join(result.points)})" if result.points else "")
-    text = f"{result.state.upper()}  {name} at {place}"
+    shown = result.shown(display)
+    text = f"{result.state.upper()}  {result.title} at {result.location(display)}"
     if several:
         text += f" in {result.run}"
-    value = _why(result) if math.isnan(result.value) else f"{_number(result.value)} {_unit(result.unit)}".rstrip()
-    text += f": {value}"
-    text += f", allowed {band_words(result)}"
+    value = _why(result) if math.isnan(result.value) else _with(_number(shown.signed(result.value)), shown.unit)
+    text += f": {value}, allowed {band_words(result, shown)}"
     if math.isfinite(result.value):
-        text += f", margin {_margin(result)}"
-        text += f", +-{_number(result.expanded, 2)}" if math.isfinite(result.expanded) else ""
+        text += f", margin {_margin(result, display)}"
+        text += f", +-{_number(shown.value(result.expanded), 2)}" if math.isfinite(result.expanded) else ""
         text += f"; {result.why}" if result.why else ""
     return text + (f" [{result.note}]" if result.note else "")
 
@@ -77,18 +78,19 @@ def _why(result: Result) -> str:
     return result.why or "not measured"
 
 
-def band_words(result: Result) -> str:
+def band_words(result: Result, shown: Shown) -> str:
     """The band in words: "900 to 1100 N", "at least 5 N"."""
-    unit = _unit(result.unit)
-    if result.low is None:
-        return f"at most {_number(result.high)} {unit}".rstrip()
-    if result.high is None:
-        return f"at least {_number(result.low)} {unit}".rstrip()
-    return f"{_number(result.low)} to {_number(result.high)} {unit}".rstrip()
+    low, high = result.band(shown)
+    if low is None:
+        return f"at most {_with(_number(high), shown.unit)}"
+    if high is None:
+        return f"at least {_with(_number(low), shown.unit)}"
+    return f"{_number(low)} to {_with(_number(high), shown.unit)}"
 
 
-def _margin(result: Result) -> str:
-    text = f"{_number(result.margin, 3)} {_unit(result.unit)}".rstrip()
+def _margin(result: Result, display: Display) -> str:
+    shown = result.shown(display)
+    text = _with(_number(shown.value(result.margin), 3), shown.unit)
     share = result.margin_percent
     return text if math.isnan(share) or result.unit == "%" else f"{text} ({_number(share, 3)} %)"
 
@@ -98,59 +100,61 @@ SUMMARY = (
     Column("largest", "", True), Column("at"),
 )  # fmt: skip
 LISTED = (
-    Column("motion"), Column("quantity"), Column("first", "", True), Column("now", "", True),
+    Column("motion"), Column("quantity"), Column("unit"), Column("first", "", True), Column("now", "", True),
     Column("change", "", True), Column("+-", "", True),
 )  # fmt: skip
 
 
 def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
     """Differences of one run from the first: a line for each quantity, then the motions and parameters that differ."""
-    rows, listed = list[tuple[str, ...]](), list[tuple[str, ...]]()
+    rows, listed, display = list[tuple[str, ...]](), list[tuple[str, ...]](), compared.display
     for quantity in LOOP_QUANTITIES:
         summary = compared.summary(index, quantity.key)
         if summary is None:
             continue
+        shown = quantity.shown(display)
+        at, largest = summary.significant or (None, None)
         rows.append((
-            quantity.key, str(summary.tests), str(summary.differ), _signed(summary.median_percent, PERCENT),
-            _change(summary.largest, quantity.unit)[0], summary.at.label,
+            quantity.name, str(summary.tests), str(summary.differ), _signed(summary.median_percent, PERCENT),
+            NOTHING if largest is None else _change(largest, shown)[0], NOTHING if at is None else at.phrase(display),
         ))  # fmt: skip
         for row in compared.rows:
             one = compared.change(index, quantity.key, row)
             if one is not None and (everything or one.differs):
-                first, now = (loop.values[quantity.key].value for loop in (row.loops[0], row.loops[index]) if loop)
-                listed.append((row.motion.label, quantity.key, *_cells(first, now, one, quantity.unit)))
+                readings = [loop.values[quantity.key] for loop in (row.loops[0], row.loops[index]) if loop]
+                listed.append((row.motion.phrase(display), quantity.name, *_cells(readings, one, shown)))
     for quantity in SINGLE_QUANTITIES:
         if (one_change := compared.single_change(index, quantity.key)) and (everything or one_change.differs):
-            first, now = (compared.runs[place].singles[quantity.key].value for place in (0, index))
-            listed.append(("slow triangle", quantity.key, *_cells(first, now, one_change, quantity.unit)))
+            readings = [compared.runs[place].singles[quantity.key] for place in (0, index)]
+            listed.append(("slow triangle", quantity.name, *_cells(readings, one_change, quantity.shown(display))))
     for name in compared.parameter_names:
         if (one_change := compared.parameter_change(index, name)) and (everything or one_change.differs):
             fitted = [compared.runs[place].parameters[name] for place in (0, index)]
-            first, now = (one.reading.value for one in fitted)
-            listed.append(("fit", name, *_cells(first, now, one_change, fitted[0].unit)))
-    shown: list[Block] = [table(SUMMARY, rows)] if rows else []
+            readings = [one.reading for one in fitted]
+            listed.append(("fit", name, *_cells(readings, one_change, plain(fitted[0].unit))))
+    blocks: list[Block] = [table(SUMMARY, rows)] if rows else []
     if listed:
-        shown.append(table(LISTED, listed))
+        blocks.append(table(LISTED, listed))
     elif rows:
-        shown.append(Note(GOOD, "no difference exceeds its expanded uncertainty"))
-    return [Heading(f"{compared.runs[index].name} relative to the first run", 3), *shown]
+        blocks.append(Note(GOOD, "no difference exceeds its expanded uncertainty"))
+    return [Heading(display.force.title(f"{compared.runs[index].name} relative to the first run"), 3), *blocks]
 
 
-def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, str, str, str]:
-    return _number(first), _number(now), *_change(changed, unit)
+def _cells(readings: Sequence[Reading], changed: Change, shown: Shown) -> tuple[str, ...]:
+    return shown.unit or NOTHING, *(_number(shown.signed(one.value)) for one in readings), *_change(changed, shown)
 
 
-def _change(changed: Change, unit: str) -> tuple[str, str]:
+def _change(changed: Change, shown: Shown) -> tuple[str, str]:
     """A change and its expanded uncertainty: in %, or in the quantity's unit where the first value is near zero."""
     value, std, unit = (
         (changed.percent, changed.percent_std, PERCENT) if math.isfinite(changed.percent)
-        else (changed.value, changed.std, _unit(unit))
+        else (shown.signed(changed.value), shown.value(changed.std), shown.unit)
     )
     expanded = COVERAGE * std
     if not math.isfinite(value) or not expanded > 0.0:  # also where the uncertainty is not known
         return _signed(value, unit), _with(_number(expanded, 2), unit)
-    shown, uncertain = (known_digits(one, expanded).replace(MINUS, "-") for one in (value, expanded))
-    return _with(shown if shown.startswith("-") else f"+{shown}", unit), _with(uncertain, unit)
+    digits, uncertain = (known_digits(one, expanded).replace(MINUS, "-") for one in (value, expanded))
+    return _with(digits if digits.startswith("-") else f"+{digits}", unit), _with(uncertain, unit)
 
 
 def _with(shown: str, unit: str) -> str:
@@ -159,10 +163,6 @@ def _with(shown: str, unit: str) -> str:
 
 def _or_infinite(value: float) -> float:
     return value if math.isfinite(value) else math.inf
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit
 
 
 def _number(value: float | None, digits: int = 4) -> str:

@@ -10,7 +10,8 @@ from typing import Any
 
 from rig.comparison.bands import Band, Bands, LoopBand, ParameterBand
 from rig.comparison.changes import Change, Transfer, change, transfer
-from rig.comparison.readings import QUANTITIES, LoopReading, Reading, RunReadings
+from rig.comparison.readings import QUANTITIES, LoopReading, Motion, Reading, RunReadings, plain
+from rig.display import Display, Shown
 from rig.errors import FileProblem
 
 PERCENT = "%"
@@ -41,6 +42,7 @@ class Result:
         state: pass, fail, unsure or missing.
         why: what is missing or unsure.
         note: the band's.
+        motion: that of `where`; None where no test fits. It is not in the JSON.
     """
 
     quantity: str
@@ -56,6 +58,30 @@ class Result:
     why: str = ""
     note: str = ""
     change: bool = False
+    motion: Motion | None = None
+
+    def shown(self, display: Display) -> Shown:
+        """How value, limits and margin are shown."""
+        known = QUANTITIES.get(self.quantity)
+        own = known is not None and known.unit == self.unit
+        return known.shown(display) if known is not None and own else plain(self.unit)
+
+    def band(self, shown: Shown) -> tuple[float | None, float | None]:
+        """Lower and upper limit as shown; None where open."""
+        low, high = (None if end is None else shown.signed(end) for end in (self.low, self.high))
+        return (high, low) if shown.positive == "compression" else (low, high)
+
+    def location(self, display: Display) -> str:
+        """`where` in the units of a display, with the ids of the points."""
+        where = self.where if self.motion is None else self.motion.phrase(display)
+        return where + (f" ({', '.join(self.points)})" if self.points else "")
+
+    @property
+    def title(self) -> str:
+        """The quantity's name, or the parameter's."""
+        known = QUANTITIES.get(self.quantity)
+        name = self.quantity if known is None else known.name
+        return f"change of {name}" if self.change else name
 
     @property
     def margin(self) -> float:
@@ -78,7 +104,7 @@ class Result:
                  "margin_percent": self.margin_percent}  # fmt: skip
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in entry.items()
+            for name, value in entry.items() if name != "motion"
         }
 
 
@@ -148,6 +174,11 @@ class _Value:
     why: str = ""
     loop: LoopReading | None = None
 
+    @property
+    def motion(self) -> Motion | None:
+        """That of the loop."""
+        return None if self.loop is None else self.loop.motion
+
 
 NONE = Reading(math.nan, math.nan)
 
@@ -214,7 +245,7 @@ def _parameter(band: ParameterBand, run: RunReadings) -> _Value:
 def _result(bands: Bands, band: Band, run: RunReadings, value: _Value) -> Result:
     return _evaluated(Result(
         value.quantity, run.name, value.where, value.points, value.reading.value, value.reading.expanded,
-        band.low, band.high, value.unit, State.MISSING, value.why, band.note,
+        band.low, band.high, value.unit, State.MISSING, value.why, band.note, motion=value.motion,
     ), bands, complete=value.reading.complete)
 
 
@@ -235,7 +266,7 @@ def _changed(
     known = known or Change(math.nan, math.nan, math.nan, math.nan)
     return _evaluated(Result(
         value.quantity, run.name, value.where, value.points, known.percent, 2.0 * known.percent_std, -most, most,
-        PERCENT, State.MISSING, why, band.note, change=True,
+        PERCENT, State.MISSING, why, band.note, change=True, motion=value.motion,
     ), bands, complete=math.isfinite(known.percent_std))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,6 +108,8 @@ class ChangeSummary:
         median_percent: median of the relative changes; NaN without any.
         largest: the largest relative change; without any, the largest absolute one.
         at: its motion.
+        significant: the largest of the changes that are more than their expanded uncertainty, and its motion; None
+            without any.
     """
 
     tests: int
@@ -114,6 +117,7 @@ class ChangeSummary:
     median_percent: float
     largest: Change
     at: Motion
+    significant: tuple[Motion, Change] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
@@ -132,8 +136,16 @@ def summarised(changes: list[tuple[Motion, Change]]) -> ChangeSummary | None:
         return None
     relative = [(motion, one) for motion, one in changes if math.isfinite(one.percent)]
     if relative:
-        at, largest = max(relative, key=lambda pair: abs(pair[1].percent))
+        at, largest = _largest(relative)
         median = float(np.median([one.percent for _, one in relative]))
     else:
-        (at, largest), median = max(changes, key=lambda pair: abs(pair[1].value)), math.nan
-    return ChangeSummary(len(changes), sum(bool(one.differs) for _, one in changes), median, largest, at)
+        (at, largest), median = _largest(changes), math.nan
+    differing = [(motion, one) for motion, one in changes if one.differs]
+    significant = _largest(differing) if differing else None
+    return ChangeSummary(len(changes), len(differing), median, largest, at, significant)
+
+
+def _largest(changes: Sequence[tuple[Motion, Change]]) -> tuple[Motion, Change]:
+    """The largest relative change; without any, the largest absolute one."""
+    relative = [pair for pair in changes if math.isfinite(pair[1].percent)]
+    return max(relative or changes, key=lambda pair: abs(pair[1].percent if relative else pair[1].value))

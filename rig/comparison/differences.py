@@ -23,6 +23,7 @@ from rig.comparison.readings import (
     RunReadings,
     readings_of,
 )
+from rig.display import Display
 from rig.errors import RigError
 from rig.recording.run import Run
 from rig.signals.test_set import MOTION_SHARE
@@ -51,6 +52,11 @@ class Comparison:
     runs: tuple[RunReadings, ...]
     rows: tuple[MotionRow, ...]
     judgement: AcceptanceResult | None = None
+
+    @property
+    def display(self) -> Display:
+        """Units and signs in which people read it: those of the first run."""
+        return self.runs[0].run.display
 
     def change(self, run: int, quantity: str, row: MotionRow) -> Change | None:
         """Of a quantity of a motion, against the first run; None where one of them lacks it."""
@@ -96,9 +102,6 @@ class Comparison:
     def remarks(self) -> tuple[str, ...]:
         """What must be known before the differences are believed."""
         lines = []
-        models = {run.model for run in self.runs if run.model}
-        if len(models) > 1:
-            lines.append(f"different models were fitted ({', '.join(sorted(models))}), so parameters are not compared")
         if len(self.runs) > 1 and not any(all(row.loops) for row in self.rows):
             lines.append("the runs have no cyclic motion in common")
         lines += [*self._corrected(), *self._near()]
@@ -120,7 +123,24 @@ class Comparison:
                 lines.append(f"{run.name}: {len(run.not_recorded)} planned point(s) were not recorded")
             if run.left_out:
                 lines.append(f"{run.name}: {len(run.left_out)} item(s) not evaluated; first: {run.left_out[0]}")
-        return tuple(lines)
+        return (*lines, *self._without_parameters())
+
+    def _without_parameters(self) -> Iterator[str]:
+        """Why the parameters of a run are not compared with those of the first."""
+        models = {run.model for run in self.runs if run.model}
+        if len(models) > 1:
+            yield f"different models were fitted ({', '.join(sorted(models))}), so parameters are not compared"
+        unfitted = [run.name for run in self.runs if not run.model]
+        if unfitted and len(self.runs) > 1:
+            which = "none of the runs has a fit" if not models else f"no fit in {', '.join(unfitted)}"
+            yield f"model parameters are not compared: {which}. Fix: rig identify RUN"
+        for index, run in enumerate(self.runs[1:], start=1):
+            names = [name for name in self.runs[0].parameters if name in run.parameters]
+            if run.model == self.runs[0].model and names and not any(
+                self.parameter_change(index, name) for name in names
+            ):
+                why = next(one.parameters[names[0]].why for one in (run, self.runs[0]) if one.parameters[names[0]].why)
+                yield f"{run.name}: model parameters are not compared: {why}"
 
     def _corrected(self) -> Iterator[str]:
         """Motions that are compared although they differ a little."""
@@ -142,7 +162,9 @@ class Comparison:
     def _near(self) -> Iterator[str]:
         """Motions without a counterpart; of those that have one nearby how far it is: too far for a correction."""
         for index, run in enumerate(self.runs[1:], start=1):
-            alone = [row.loops[0].motion.label for row in self.rows if row.loops[0] and not row.loops[index]]
+            alone = [
+                row.loops[0].motion.phrase(self.display) for row in self.rows if row.loops[0] and not row.loops[index]
+            ]
             extra: list[str] = []
             for row in self.rows:
                 loop = row.loops[index]
@@ -155,12 +177,12 @@ class Comparison:
                 apart, nearest = min(others, key=lambda pair: pair[0], default=(math.inf, loop.motion))
                 if apart < NEARBY:
                     yield (
-                        f"{run.name}: {loop.motion.label} is not compared: the nearest motion in the first run, "
-                        f"{nearest.label}, differs by {100.0 * apart:.2g} %, more than the largest correction "
-                        f"({100.0 * MOTION_SHARE:g} %)"
+                        f"{run.name}: {loop.motion.phrase(self.display)} is not compared: the nearest motion in the "
+                        f"first run, {nearest.phrase(self.display)}, differs by {100.0 * apart:.2g} %, more than the "
+                        f"largest correction ({100.0 * MOTION_SHARE:g} %)"
                     )
                 else:
-                    extra.append(loop.motion.label)
+                    extra.append(loop.motion.phrase(self.display))
             if any(row.loops[0] and row.loops[index] for row in self.rows):
                 for labels, where in ((extra, "not in the first run"), (alone, "only in the first run")):
                     if labels:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.display import SI, Display, Shown
 from rig.fits.entries import Estimate
 from rig.fits.fit_record import fit_in
 from rig.recording.hdf5.reading import channel_attributes
@@ -38,7 +39,7 @@ PEAK_OF_MEAN = {"sine": math.pi / 2.0, "triangle": 1.0}
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is compared: its key, what people call it, its SI unit, and which calibrations it scales with.
+    """What is compared: its key, its title, its short name, its SI unit, and which calibrations it scales with.
 
     Between motions that differ a little it is taken to follow amplitude^a frequency^b speed^n, with `powers` (a, b):
     n is between 0 (dry friction) and 1 (viscous damping) for what follows a force, and about 0 for a ratio of forces.
@@ -46,21 +47,36 @@ class Quantity:
 
     key: str
     title: str
+    name: str
     unit: str
     by_force: bool = True
     by_displacement: bool = False
     powers: tuple[float, float] = (0.0, 0.0)
     speed_power: float = 0.5
 
+    def shown(self, display: Display) -> Shown:
+        """How its values are shown; of the forces only friction has no direction."""
+        if self.unit == "N":
+            force = display.force
+            return replace(force, positive="rebound") if self.key == "friction_force" else force
+        return display.damping if self.key == "damping" else plain(self.unit)
+
+
+def plain(unit: str) -> Shown:
+    """A quantity that is shown in its SI unit; the ratio "1" without a unit."""
+    return Shown("" if unit == "1" else unit, 1.0)
+
 
 LOOP_QUANTITIES = (
-    Quantity("rebound_force", "Force at peak velocity, rebound", "N"),
-    Quantity("jounce_force", "Force at peak velocity, compression", "N"),
-    Quantity("energy", "Energy per cycle", "J", by_displacement=True, powers=(1.0, 0.0)),
-    Quantity("damping", "Equivalent viscous damping", "N s/m", by_displacement=True, powers=(-1.0, -1.0)),
-    Quantity("dynamic_range", "Dynamic range, rebound", "1", by_force=False, speed_power=0.0),
+    Quantity("rebound_force", "Force at peak velocity, rebound", "rebound force", "N"),
+    Quantity("jounce_force", "Force at peak velocity, compression", "compression force", "N"),
+    Quantity("energy", "Energy per cycle", "energy", "J", by_displacement=True, powers=(1.0, 0.0)),
+    Quantity("damping", "Equivalent viscous damping", "damping", "N s/m", by_displacement=True, powers=(-1.0, -1.0)),
+    Quantity("dynamic_range", "Dynamic range, rebound", "dynamic range", "1", by_force=False, speed_power=0.0),
 )
-SINGLE_QUANTITIES = (Quantity("friction_force", "Friction", "N"), Quantity("gas_force", "Gas force", "N"))
+SINGLE_QUANTITIES = (
+    Quantity("friction_force", "Friction", "friction", "N"), Quantity("gas_force", "Gas force", "gas force", "N"),
+)
 QUANTITIES = {quantity.key: quantity for quantity in (*LOOP_QUANTITIES, *SINGLE_QUANTITIES)}
 
 
@@ -117,9 +133,13 @@ class Motion:
 
     @property
     def label(self) -> str:
-        """As people say it: "sine, 50 mm, 1 Hz, 0.5 A"."""
+        """In one phrase, in SI units: "sine, 50 mm, 1 Hz, 0.5 A"."""
+        return self.phrase(SI)
+
+    def phrase(self, shown: Display) -> str:
+        """`label` in the units of a display."""
         return (
-            f"{self.waveform}, {1e3 * self.amplitude_m:.4g} mm, {self.frequency_Hz:.4g} Hz, "
+            f"{self.waveform}, {shown.displacement.text(self.amplitude_m)}, {self.frequency_Hz:.4g} Hz, "
             f"{round(self.current_A, 4) + 0.0:.4g} A"
         )
 

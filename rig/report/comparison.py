@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from rig.comparison import Comparison
 from rig.comparison.acceptance import AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
-from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Quantity, Reading
-from rig.display import Display
+from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading, plain
+from rig.display import Display, Shown
 from rig.document import html
 from rig.document.blocks import (
     Blocks,
@@ -61,7 +60,7 @@ def comparison_document(compared: Comparison) -> Document:
         *(Note(FAIR, remark) for remark in compared.remarks),
     ]  # fmt: skip
     if compared.judgement is not None:
-        blocks += _bands(compared.judgement, several=len(compared.runs) > 1)
+        blocks += _bands(compared.judgement, compared.display, several=len(compared.runs) > 1)
     blocks += [*_loops(compared, names), *_changes(compared, names), *_parameters(compared, names)]
     return Document("Comparison of damper tests", with_contents(blocks), mark_of(run.run for run in compared.runs))
 
@@ -114,7 +113,7 @@ def _differing(compared: Comparison) -> list[Fact]:
     return [Fact(f"{differ} of {total}", meaning, FAIR if differ else GOOD)]
 
 
-def _bands(acceptance: AcceptanceResult, *, several: bool) -> Blocks:
+def _bands(acceptance: AcceptanceResult, display: Display, *, several: bool) -> Blocks:
     ordered = sorted(acceptance.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
     head: list[Head] = [
         "Result", "Quantity", "Where", *(["Run"] if several else []), Column("Value", "", True),
@@ -126,19 +125,19 @@ def _bands(acceptance: AcceptanceResult, *, several: bool) -> Blocks:
         if acceptance.bands.decision == "guarded" else "The uncertainty does not affect the result."
     )  # fmt: skip
     note = f"Margin: distance to the nearest limit, negative outside the limits. {decision}"
-    rows = [_result(result, several) for result in ordered]
+    rows = [_result(result, display, several=several) for result in ordered]
     return [*section(f"Acceptance bands: {acceptance.bands.name}", note), table(head, rows)]
 
 
-def _result(result: Result, several: bool) -> list[Words]:
-    where = result.where + (f" ({', '.join(result.points)})" if result.points else "")
+def _result(result: Result, display: Display, *, several: bool) -> list[Words]:
+    shown = result.shown(display)
+    value, (low, high) = shown.signed(result.value), result.band(shown)
+    expanded, margin = shown.value(result.expanded), shown.value(result.margin)
     remark = "; ".join(part for part in (result.why, result.note) if part)
-    quantity = f"change of {result.quantity}" if result.change else result.quantity
     return [
-        Label(str(result.state), SEVERITIES[result.state]), quantity, where, *([result.run] if several else []),
-        known_digits(result.value, result.expanded), known_digits(result.expanded, result.expanded),
-        number(result.low), number(result.high), "" if result.unit == "1" else result.unit,
-        known_digits(result.margin, result.expanded), number(result.margin_percent, 3), remark,
+        Label(str(result.state), SEVERITIES[result.state]), result.title, result.location(display),
+        *([result.run] if several else []), known_digits(value, expanded), known_digits(expanded, expanded),
+        number(low), number(high), shown.unit, known_digits(margin, expanded), number(result.margin_percent, 3), remark,
     ]  # fmt: skip
 
 
@@ -152,7 +151,7 @@ def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
     for row in sorted(compared.rows, key=lambda row: not all(row.loops))[:MOST_DRAWN]:
         over_u, over_v = _traces(row, drawn, names, display)
         if over_u:
-            title = row.motion.label
+            title = row.motion.phrase(display)
             force = force_axis(display)
             pair = (
                 Figure(displacement_axis(display), force, over_u, title=f"Force vs. displacement, {title}"),
@@ -185,25 +184,26 @@ def _traces(
 def _changes(compared: Comparison, names: Sequence[str]) -> Blocks:
     """A table for each quantity: every motion, every run, change against the first."""
     parts: Blocks = []
-    display = compared.runs[0].run.display
+    display = compared.display
     for quantity in LOOP_QUANTITIES:
         rows = []
         for row in compared.rows:
             readings = [None if loop is None else loop.values.get(quantity.key) for loop in row.loops]
             if any(readings):
                 changes = [compared.change(index, quantity.key, row) for index in range(1, len(names))]
-                rows.append([row.motion.label, *_cells(readings, changes, _shown(quantity, display))])
-        unit = _shown(quantity, display).unit
-        unit = f", {unit}" if unit else ""
-        parts += _quantity_table(f"{quantity.title}{unit}", "Motion", rows, names)
+                rows.append([row.motion.phrase(display), *_cells(readings, changes, quantity.shown(display))])
+        shown = quantity.shown(display)
+        unit = f", {shown.unit}" if shown.unit else ""
+        parts += _quantity_table(f"{shown.title(quantity.title)}{unit}", "Motion", rows, names)
     singles = [
         [quantity.title, *_cells(
             [run.singles.get(quantity.key) for run in compared.runs],
-            [compared.single_change(index, quantity.key) for index in range(1, len(names))], _shown(quantity, display),
+            [compared.single_change(index, quantity.key) for index in range(1, len(names))], quantity.shown(display),
         )]
         for quantity in SINGLE_QUANTITIES if any(quantity.key in run.singles for run in compared.runs)
     ]  # fmt: skip
-    parts += _quantity_table(f"Slow triangle at 0 A, {display.force.unit}", "Quantity", singles, names)
+    title = f"{display.force.title('Slow triangle at 0 A')}, {display.force.unit}"
+    parts += _quantity_table(title, "Quantity", singles, names)
     note = "Changes in bold exceed their expanded uncertainty."
     return [*section("Values and changes", note if len(names) > 1 else ""), *parts] if parts else []
 
@@ -215,7 +215,7 @@ def _parameters(compared: Comparison, names: Sequence[str]) -> Blocks:
         unit = next((one.unit for one in fitted if one is not None), "")
         readings = [None if one is None or one.why else one.reading for one in fitted]
         changes = [compared.parameter_change(index, name) for index in range(1, len(names))]
-        rows.append([f"{name} {unit}", *_cells(readings, changes, _Unit(unit))])
+        rows.append([f"{name} {unit}", *_cells(readings, changes, plain(unit))])
     return _quantity_table("Fitted parameters", "Parameter", rows, names, level=2)
 
 
@@ -230,54 +230,33 @@ def _quantity_table(
     return [Heading(title, level), table(head, rows, range(1, len(head)))]
 
 
-@dataclass(frozen=True)
-class _Unit:
-    """A unit as it is shown, and how many of it are one of SI; negative where the sign is turned."""
-
-    name: str
-    factor: float = 1.0
-
-    @property
-    def unit(self) -> str:
-        """The unit; empty for none."""
-        return "" if self.name == "1" else self.name
-
-
-def _shown(quantity: Quantity, display: Display) -> _Unit:
-    """How a quantity is shown: forces as `[display]` states; friction has no direction."""
-    if quantity.unit != "N":
-        return _Unit(quantity.unit)
-    convert = display.force.value if quantity.key == "friction_force" else display.force.signed
-    return _Unit(display.force.unit, convert(1.0))
-
-
-def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], unit: _Unit) -> list[Words]:
-    cells: list[Words] = [_reading(readings[0], unit)]
+def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], shown: Shown) -> list[Words]:
+    cells: list[Words] = [_reading(readings[0], shown)]
     for reading, one in zip(readings[1:], changes, strict=True):
-        shown, expanded = (NOTHING, NOTHING) if one is None else _change(one, unit)
-        cells += [_reading(reading, unit), Strong(shown) if one is not None and one.differs else shown, expanded]
+        changed, expanded = (NOTHING, NOTHING) if one is None else _change(one, shown)
+        cells += [_reading(reading, shown), Strong(changed) if one is not None and one.differs else changed, expanded]
     return cells
 
 
-def _change(one: Change, unit: _Unit) -> tuple[str, str]:
+def _change(one: Change, shown: Shown) -> tuple[str, str]:
     """A change and its expanded uncertainty: in %, or in the quantity's unit where the first value is near zero."""
     relative = math.isfinite(one.percent)
-    value, std, shown_unit = (
+    value, std, unit = (
         (one.percent, one.percent_std, "%") if relative
-        else (unit.factor * one.value, abs(unit.factor) * one.std, unit.unit)
+        else (shown.signed(one.value), shown.value(one.std), shown.unit)
     )
     expanded = COVERAGE * std
-    shown, uncertain = (
-        f"{known_digits(size, expanded)} {shown_unit}".rstrip() if math.isfinite(size) else NOTHING
+    changed, uncertain = (
+        f"{known_digits(size, expanded)} {unit}".rstrip() if math.isfinite(size) else NOTHING
         for size in (value, expanded)
     )
-    return shown, uncertain
+    return changed, uncertain
 
 
-def _reading(reading: Reading | None, unit: _Unit) -> str:
+def _reading(reading: Reading | None, shown: Shown) -> str:
     if reading is None:
         return NOTHING
-    return with_uncertainty(unit.factor * reading.value, abs(unit.factor) * reading.expanded)
+    return with_uncertainty(shown.signed(reading.value), shown.value(reading.expanded))
 
 
 def _or_last(value: float) -> float:

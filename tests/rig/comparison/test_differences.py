@@ -68,7 +68,8 @@ def test_parameters_of_different_models_are_not_compared(made_run: Make, made_fi
 def test_signals_are_reported_as_not_compared(made_run: Make, made_point: Make) -> None:
     first, second = made_run("a"), made_run("b")
     made_point(second, "p002", 1000.0, kind="signal")
-    (remark,) = compare([first, second]).remarks
+    remark, unfitted = compare([first, second]).remarks
+    assert unfitted.startswith("model parameters are not compared: none of the runs has a fit")
     assert remark.startswith("b: signals (sweep, road, file)")
     assert remark.endswith(": p002")
 
@@ -152,8 +153,14 @@ def test_a_force_near_zero_has_no_relative_change(made_run: Make, made_point: Ma
     from rig.cli.comparison_tables import comparison_lines
 
     lines = [text for text, _ in comparison_lines(compared, 120, everything=False)]
-    assert any(re.search(r"^jounce_force[^%]*-(1|0\.99)[.0-9]* N[^%]*$", line) for line in lines)
+    assert any(re.search(r"^compression force[^%]*-(1|0\.99)[.0-9]* N[^%]*$", line) for line in lines)
     assert re.search("\N{MINUS SIGN}(1|0.99)[.0-9]* N", comparison_page(compared))
+    (before / "matrix.toml").write_text('[display]\nforce = "lbf"\ndisplacement = "in"\npositive = "compression"\n')
+    lines = [text for text, _ in comparison_lines(compared, 120, everything=False)]
+    assert any(re.search(r"^sine, 0.7874 in, .* compression force +lbf +0\.37.* \+0\.22", line) for line in lines)
+    page = comparison_page(compared)
+    assert re.search(r"compression, compression positive, lbf", page)
+    assert "0.7874 in, 1 Hz" in page
 
 
 def test_too_few_or_too_many_runs_are_refused(made_run: Make) -> None:
