@@ -127,7 +127,8 @@ def run_path(given: Path | str) -> Path:
 
     A path that exists is returned unchanged. Otherwise its last component is a short name of a run in its folder
     (without a folder: in `LOGS`): `last` or `-1` for the newest run, `last-2` or `-2` for the one before, or a part of
-    the name, in upper or lower case. `last/fit.json` is a file in a run. A path in a folder without runs is returned
+    the name, in upper or lower case. Runs without recorded points, as of a campaign that was refused, are ignored
+    unless no other run matches. `last/fit.json` is a file in a run. A path in a folder without runs is returned
     unchanged.
 
     Raises:
@@ -142,12 +143,14 @@ def run_path(given: Path | str) -> Path:
         if CampaignFolder(folder).points.is_dir():
             return folder / path.name
     names = by_age(folder)
+    recorded = [name for name in names if not is_empty(folder / name)]
     if count := LAST.fullmatch(path.name):
-        return folder / _counted(int(count[1] or count[2] or 1), path.name, names, folder)
+        return folder / _counted(int(count[1] or count[2] or 1), path.name, recorded or names, folder)
     if not names:
         return path
     part = path.name.casefold()
     matches = [name for name in names if part in name.casefold()]
+    matches = [name for name in matches if name in recorded] or matches
     if len(matches) > 1:
         raise FileProblem(str(folder), [_ambiguous(path.name, matches)])
     if not matches:
@@ -165,6 +168,22 @@ def by_age(folder: Path) -> list[str]:
     return [name for _, name in sorted(aged)]
 
 
+def is_empty(run: Path) -> bool:
+    """Whether a run has no files of points, recorded or in progress, and no process holds it."""
+    try:
+        with os.scandir(run / CampaignFolder.points) as files:
+            return next(files, None) is None and os.stat(run).st_ino not in held_inodes()
+    except OSError:
+        return False
+
+
+def ignored(run: Path) -> int:
+    """Number of newer runs without recorded points in the folder of a run."""
+    names = by_age(run.parent)
+    newer = names[names.index(run.name) + 1 :] if run.name in names else []
+    return sum(is_empty(run.parent / name) for name in newer)
+
+
 def _started(entry: os.DirEntry[str]) -> str:
     stamp = STARTED.match(entry.name)
     return stamp[0] if stamp else f"{datetime.fromtimestamp(entry.stat().st_mtime, UTC):%Y%m%dT%H%M%SZ}"
@@ -174,10 +193,13 @@ def _counted(back: int, given: str, names: list[str], folder: Path) -> str:
     """The run at this place from the newest (1).
 
     Raises:
-        FileProblem: there are not so many runs.
+        FileProblem: there are not so many runs, or it is `last-1`, which can mean the newest run or the one before.
     """
+    if given.casefold() == "last-1":
+        text = f"{given} is ambiguous. Fix: use last for the newest run, -2 for the one before"
+        raise FileProblem(str(folder), [text])
     if back > len(names):
-        number = f"only {len(names)} run{'s' * (len(names) > 1)}" if names else "no runs"
+        number = f"only {len(names)} run{'s' * (len(names) > 1)} with recorded points" if names else "no runs"
         raise FileProblem(str(folder), [f"{given}: this folder contains {number}. Fix: specify the path of a run"])
     return names[-back]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rig.display import SI, Display
@@ -49,6 +49,7 @@ class TestPoint:
         law: what commands the current of a hybrid test; else empty.
         record: the motion of a signal; a recorded point keeps only its facts, without samples.
         forecast: peaks of a hybrid test; not recorded.
+        by_speed: whether the matrix states a speed at this amplitude, so that the frequency follows; not recorded.
         compensator: leads the set-points of a hybrid test; not recorded.
     """
 
@@ -71,6 +72,7 @@ class TestPoint:
     record: RecordFacts | None = None
     forecast: Forecast | None = None
     compensator: str = ""
+    by_speed: bool = field(default=False, compare=False)
 
     @property
     def shape(self) -> Waveform:

@@ -163,11 +163,8 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     lines = []
     for item in planned.planned_points:
         if not item.feasible:
-            fit = "" if item.would_fit_m is None else (
-                "; the largest amplitude that fits is "
-                f"{1e3 * item.would_fit_m:g} mm"
-            )
-            lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
+            fits = item.fits_text(planned.display)
+            lines.append(f"{item.point.id}: {'; '.join((*item.reasons, *([fits] if fits else [])))}")
     if lines:
         raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; no motion "
             "was started:\n" + "\n".join(lines))

@@ -32,7 +32,11 @@ if TYPE_CHECKING:
          "value fails.",
 )  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Write the comparison to this HTML file.")
-@click.option("--pdf", "on_paper", is_flag=True, help="With --out: also write a PDF (A4) next to the HTML file.")
+@click.option(
+    "--pdf", "on_paper", is_flag=True,
+    help="Also write a PDF (A4) next to the HTML file. Without --out, both are written next to the first run, as "
+         "RUN-comparison.html and RUN-comparison.pdf.",
+)  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="Show every value, not only values that changed or failed.")
 @json_option
 def command(
@@ -47,7 +51,8 @@ def command(
     # loads numpy and pydantic: not needed for the help
     from rig.comparison import compare
 
-    _check_page(out, on_paper=on_paper)
+    if on_paper:
+        out = _page_of(out, runs[0])
     compared = compare(runs, bands)
     pages: list[str] = [] if out is None else _written(compared, out.resolve(), on_paper=on_paper)
     if as_json:
@@ -61,14 +66,18 @@ def command(
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
 
 
-def _check_page(out: Path | None, *, on_paper: bool) -> None:
-    """Refuse a PDF of a page that is not written.
+def _page_of(out: Path | None, first: Path) -> Path:
+    """The HTML file that a PDF is written next to; by default next to the first run.
 
     Raises:
-        UsageError: it is none.
+        UsageError: `out` is a PDF.
     """
-    if on_paper and (out is None or out.suffix == ".pdf"):
-        raise click.UsageError("--pdf requires an HTML file. Fix: add --out FILE.html")
+    if out is None:
+        first = Path(first).resolve()
+        return first.with_name(f"{first.name}-comparison.html")
+    if out.suffix == ".pdf":
+        raise click.UsageError("--out names the HTML file; the PDF is written next to it. Fix: --out FILE.html")
+    return out
 
 
 def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:

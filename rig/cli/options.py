@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from rig.campaign_folder import LOGS, by_age, run_path
+from rig.campaign_folder import LAST, LOGS, by_age, ignored, run_path
 from rig.cli.output import say
 from rig.errors import FileProblem
 from rig.files.quantity import Quantity
@@ -63,7 +63,9 @@ class RunPath(click.ParamType[str | Path]):
         except FileProblem as problem:
             self.fail(str(problem), param, ctx)
         if path != Path(value) and not (ctx is not None and ctx.resilient_parsing):
-            say(f"run: {path}", err=True)
+            skipped = ignored(path) if LAST.fullmatch(Path(value).name) else 0
+            newer = f" (newer runs without recorded points, ignored: {skipped})" if skipped else ""
+            say(f"run: {path}{newer}", err=True)
         return path
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -108,7 +110,7 @@ class Command(click.Command):
             before = options.get(args[at - 1]) if at else None
             valued = before is not None and not before.is_flag
             if FROM_END.fullmatch(text) and (isinstance(before.type, RunPath) if before and valued else takes_run):
-                args[at] = f"last{text}"
+                args[at] = "last" if text == "-1" else f"last{text}"
         return super().parse_args(ctx, args)
 
     def __init__(self, *args: Any, examples: tuple[str, ...] = (), **kwargs: Any) -> None:  # noqa: ANN401 - click's own

@@ -93,9 +93,9 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     rows = []
     for run in runs:
         error = run["nrmse_percent_of_peak"]
-        verdict, recoverable = ("running", "-") if run["running"] else (run["verdict"], str(run["unfinished"]))
+        verdict, recoverable = ("running", "-") if run["running"] else (_outcome(run), str(run["unfinished"]))
         cells = [run["id"], *((run["specimen"], run["started"][:10]) if wide else ()), verdict]
-        cells += [f"{run['valid']}/{run['points']}", *([recoverable] if unfinished else [])]
+        cells += [f"{run['valid']}/{max(run['planned'], run['points'])}", *([recoverable] if unfinished else [])]
         rows.append([*cells, "-" if error is None else f"{run['model']} {error:.3g}"])
     notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"] and not run["running"]]
     notes.append("Commands accept a run's name, part of the name, `last`, or -1, -2, ... (example: rig report last).")
@@ -104,19 +104,31 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     show([table(head, rows), *map(Paragraph, notes)], shown)
 
 
+def _outcome(run: dict[str, Any]) -> str:
+    """The verdict of a run with all its points; otherwise how it ended."""
+    if run["points"] >= run["planned"] or not run["planned"]:
+        return str(run["verdict"])
+    if run["unfinished"]:
+        return "interrupted"
+    return "stopped" if run["points"] else "no points"
+
+
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
     from rig.recording.run import Run, read_campaign
 
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
-        "valid": 0, "unfinished": 0, "out_of_tolerance": 0, "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
+        "planned": 0, "valid": 0, "unfinished": 0, "out_of_tolerance": 0, "apart": 0, "nrmse_percent_of_peak": None,
+        "remark": "",
     }  # fmt: skip
     try:
         summary["unfinished"] = len(unfinished(CampaignFolder(place).points))
         campaign = read_campaign(place)
         summary["specimen"] = str(campaign.get("specimen", ""))
         summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
+        planned = campaign.get("points")
+        summary["planned"] = len(planned) if isinstance(planned, list) else 0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # it is the remark
             run = Run.open(place)

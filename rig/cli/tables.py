@@ -184,25 +184,28 @@ def _ranges(items: Sequence[PlannedPoint], shown: Display) -> str:
 def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Blocks:
     """A table with each motion's own speed and acceleration.
 
-    In a plan that is refused, cause and amplitude that would fit replace heat and time.
+    In a plan that is refused, cause and amplitude or speed that would fit replace heat and time.
     `left_out` rows follow the first ones.
     """
     shown, refused = plan.display, not plan.feasible
     length = shown.displacement.unit
+    fit_units = {item.fits(shown)[1] for item in items if not item.feasible}
+    with_unit = len(fit_units) > 1  # amplitudes and speeds
+    fits = "fits" if with_unit or not fit_units else f"fits ({next(iter(fit_units))})"
     head = [
         Column("point"), *([Column("limits")] if refused else []), Column("waveform"), Column("ampl.", length, True),
-        *([Column("fits", length, True)] if refused else []), Column("freq.", "Hz", True), Column("current", "A", True),
+        *([Column(fits, "", True)] if refused else []), Column("freq.", "Hz", True), Column("current", "A", True),
         Column("speed", shown.speed.unit, True), Column("accel.", "m/s^2", True),
         Column("force", shown.force.unit, True),
         *([] if refused else [Column("heat", "J", True), Column("time", "", True)]),
     ]  # fmt: skip
-    rows = [Row(_cells(item, plan), PLAIN if item.feasible else POOR) for item in items]
+    rows = [Row(_cells(item, plan, with_unit=with_unit), PLAIN if item.feasible else POOR) for item in items]
     if left_out:
         rows.insert(FIRST, Row((f"... {left_out} more ...", *[""] * (len(head) - 1))))
     return [table(head, rows)]
 
 
-def _cells(item: PlannedPoint, plan: Plan) -> tuple[str, ...]:
+def _cells(item: PlannedPoint, plan: Plan, *, with_unit: bool) -> tuple[str, ...]:
     point, shown, refused = item.point, plan.display, not plan.feasible
     frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
     causes = [SHORT.get(cause.slug, cause.slug) for cause in item.causes] or ["within"]
@@ -210,30 +213,27 @@ def _cells(item: PlannedPoint, plan: Plan) -> tuple[str, ...]:
     force_N = item.predicted_force_N
     return (
         point.id, *([limits] if refused else []), point.motion, number(shown.displacement.value(point.amplitude_m)),
-        *([_fits(item, plan)] if refused else []), frequency, f"{point.current_A:.3g}",
+        *([_fits(item, plan, with_unit=with_unit)] if refused else []), frequency, f"{point.current_A:.3g}",
         number(shown.speed.value(point.peak_speed_m_s), 3), f"{point.peak_acceleration_m_s2:.2f}",
         number(None if force_N is None else shown.force.value(force_N)),
         *([] if refused else [number(item.energy_J), duration(item.duration_s)]),
     )  # fmt: skip
 
 
-def _fits(item: PlannedPoint, plan: Plan) -> str:
-    """The amplitude that would fit, rounded down; a warm-up that does not warm enough needs more of it."""
-    if item.feasible or (item.would_fit_m is None and item is plan.warm_up):
+def _fits(item: PlannedPoint, plan: Plan, *, with_unit: bool) -> str:
+    """What would fit, rounded down; a warm-up that does not warm enough needs more of it."""
+    value, unit = item.fits(plan.display)
+    if item.feasible or (not value and item is plan.warm_up):
         return NO_VALUE
-    if item.would_fit_m is None:
-        return "none"
-    shown = plan.display.displacement
-    step = 10.0 ** (math.floor(math.log10(shown.value(item.would_fit_m))) - 3)
-    return f"{step * math.floor(shown.value(item.would_fit_m) / step * (1.0 + 1e-9)):.4g}"
+    return "none" if not value else f"{value} {unit}" if with_unit else value
 
 
 def _why(item: PlannedPoint, plan: Plan) -> str:
     """A point's reasons, and what would fit."""
-    fits = _fits(item, plan)
-    unit = plan.display.displacement.unit
-    fit = {NO_VALUE: (), "none": ("no amplitude fits",)}.get(fits, (f"{fits} {unit} fits",))
-    return "; ".join((*item.reasons, *fit))
+    fits = item.fits_text(plan.display)
+    if not fits and item is not plan.warm_up:
+        fits = "no speed fits at this stroke" if item.point.by_speed else "no amplitude fits"
+    return "; ".join((*item.reasons, *([fits] if fits else [])))
 
 
 def plan_table(plan: Plan) -> list[PlanText]:

@@ -39,8 +39,8 @@ not determine to which level it settles (3 mA at 6, 16 mA at 5, 30 mA at 4 for 4
 SETTLED_STEPS = 4.0
 """Of the measured current: the noise of a current controller is some steps (2 mA of 1 mA on the simulated rig)."""
 
-AMPLITUDE_STEP_M = 1e-5
-"""Amplitudes that would fit are rounded down to this."""
+AMPLITUDE_STEP_M, SPEED_STEP_M_S = 1e-5, 1e-4
+"""Amplitudes and speeds that would fit are rounded down to these."""
 
 
 @dataclass(frozen=True)
@@ -322,6 +322,20 @@ def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast)
     return None if steps <= 0 else round(steps * AMPLITUDE_STEP_M, 6)
 
 
+def speed_that_fits(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> float | None:
+    """The highest speed (m/s), rounded down, with which a point of the same amplitude is feasible; None if none is."""
+    one_Hz_m_s = replace(point, frequency_Hz=1.0).peak_speed_m_s
+
+    def allowed(steps: int) -> bool:
+        slower = replace(point, frequency_Hz=steps * SPEED_STEP_M_S / one_Hz_m_s)
+        force_N, energy_J = predict(slower)
+        causes = (*reasons_against(slower, force_N, matrix, bench), *too_hot(slower, energy_J, matrix))
+        return not causes
+
+    steps = _most(math.floor(point.peak_speed_m_s / SPEED_STEP_M_S + 1e-6), allowed)
+    return None if steps <= 0 else round(steps * SPEED_STEP_M_S, 6)
+
+
 def _within_peaks(point: TestPoint, bench: Bench) -> bool:
     speed_m_s, acceleration_m_s2 = peaks(point, bench)
     limits = bench.limits
@@ -340,10 +354,11 @@ def _force_and_heat_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict:
 
 def _largest(steps: int, allowed: Callable[[TestPoint], bool], point: TestPoint) -> int:
     """Bisect for the largest number of amplitude steps with which a point is allowed; 0 when none is."""
+    return _most(steps, lambda count: allowed(replace(point, amplitude_m=count * AMPLITUDE_STEP_M)))
 
-    def fits(count: int) -> bool:
-        return allowed(replace(point, amplitude_m=count * AMPLITUDE_STEP_M))
 
+def _most(steps: int, fits: Callable[[int], bool]) -> int:
+    """Bisect for the largest number of steps that fits; 0 when none does."""
     if steps <= 0 or fits(steps):
         return steps
     low, high = 0, steps

@@ -138,7 +138,8 @@ class Matrix(Section):
         rows = [row for waveform in sweep.waveform for row in self._of(waveform)]
         for item in self.extra:
             row = self._point(item.waveform, *item.motion, item.current_A)
-            rows.append(replace(row, id=item.id or "", cycles=item.cycles or sweep.cycles))
+            by_speed = item.size.by_speed
+            rows.append(replace(row, id=item.id or "", cycles=item.cycles or sweep.cycles, by_speed=by_speed))
         points: list[TestPoint] = []
         for repeat in range(1, sweep.repeats + 1):
             for row in rows:
@@ -151,7 +152,7 @@ class Matrix(Section):
         sweep = self.sweep
         if waveform not in SIGNAL_NAMES:
             return [
-                self._point(waveform, amplitude_m, frequency_Hz, current_A)
+                replace(self._point(waveform, amplitude_m, frequency_Hz, current_A), by_speed=sweep.size.by_speed)
                 for current_A, (amplitude_m, frequency_Hz) in product(sweep.current_A, sweep.size.motions(waveform))
             ]
         return [

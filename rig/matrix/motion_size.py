@@ -114,6 +114,11 @@ class MotionSize:
             yield from (problem for name in waveforms for problem in self._beyond(name, listed=listed))
 
     @property
+    def by_speed(self) -> bool:
+        """Whether speeds are stated at constant amplitude, so that frequencies follow."""
+        return bool(self.speed_m_s and self._amplitudes_m)
+
+    @property
     def missing(self) -> tuple[str, ...]:
         """What is still needed, in words; empty where it is enough, or too much."""
         if self.speed_m_s and not self.frequency_Hz and not self._amplitudes_m:

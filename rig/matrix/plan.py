@@ -17,6 +17,7 @@ from rig.matrix.feasibility import (
     current_hints,
     reasons_against,
     sampling_hints,
+    speed_that_fits,
     too_hot,
     would_fit,
 )
@@ -41,7 +42,8 @@ class PlannedPoint:
     `peaks` are those of the rod at the point's own amplitude, the ripple of streamed set-points included.
     `highest_peaks` bound those of every command for the point: where the amplitude is adapted, a machine that does not
     reach it is commanded more, up to where the command's own peaks reach the limits (`command_limit`).
-    `would_fit_m` is the largest amplitude that makes an infeasible point feasible, None when no amplitude does.
+    `would_fit_m` is the largest amplitude that makes an infeasible point feasible, None when no amplitude does;
+    `would_fit_m_s` the highest speed at the point's own amplitude, where the matrix states speeds at that amplitude.
     """
 
     point: TestPoint
@@ -53,6 +55,27 @@ class PlannedPoint:
     stopping_reach_m: Reach
     peaks: Peaks
     highest_peaks: Peaks
+    would_fit_m_s: float | None = None
+
+    def fits(self, display: Display) -> tuple[str, str]:
+        """What would fit, rounded down, and its unit: a speed where the matrix states it at a constant amplitude.
+
+        The value is empty where nothing fits, or nothing is to fit.
+        """
+        shown, si = (
+            (display.speed, self.would_fit_m_s) if self.point.by_speed else (display.displacement, self.would_fit_m)
+        )
+        if si is None or self.feasible:
+            return "", shown.unit
+        value = shown.value(si)
+        step = 10.0 ** (math.floor(math.log10(value)) - 3)
+        return f"{step * math.floor(value / step * (1.0 + 1e-9)):.4g}", shown.unit
+
+    def fits_text(self, display: Display) -> str:
+        """`fits` in words; empty where nothing fits."""
+        value, unit = self.fits(display)
+        what = "highest speed at this stroke" if self.point.by_speed else "largest amplitude"
+        return value and f"{what} that fits: {value} {unit}"
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -86,8 +109,12 @@ class PlannedPoint:
             "verdict": "feasible" if self.feasible else "infeasible",
             "reason": "; ".join(self.reasons) or None,
             "causes": [cause.slug for cause in self.causes],
-            "would_fit": None if self.would_fit_m is None else {"amplitude_m": self.would_fit_m},
+            "would_fit": self._would_fit_json(),
         }
+
+    def _would_fit_json(self) -> dict[str, float | None] | None:
+        speed = {} if self.would_fit_m_s is None else {"speed_m_s": self.would_fit_m_s}
+        return None if self.would_fit_m is None and not speed else {"amplitude_m": self.would_fit_m, **speed}
 
 
 @dataclass(frozen=True)
@@ -219,6 +246,7 @@ def _check(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
         stopping_reach_m=stopping_reach(point, matrix, bench),
         peaks=peaks(point, bench),
         highest_peaks=_highest_peaks(point, matrix, bench),
+        would_fit_m_s=speed_that_fits(point, matrix, bench, predict) if causes and point.by_speed else None,
     )
 
 

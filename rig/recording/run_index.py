@@ -25,7 +25,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem
 
 NAME = ".rig-runs.sqlite"
-FORMAT = f"3, {rig.__version__}"
+FORMAT = f"4, {rig.__version__}"
 """Of the summaries; another one's are not used."""
 SETTLED_NS = 2_000_000_000
 """A file changed so lately may be changed again within the resolution of its time stamp: its summary is not kept."""

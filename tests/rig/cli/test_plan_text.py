@@ -91,7 +91,7 @@ def test_with_all_every_row_and_every_reason_is_shown(long_plan: Plan) -> None:
     text = "\n".join(line for line, _ in PlanText(long_plan, everything=True).lines(132))
     assert all(f"\n{item.point.id} " in text for item in long_plan.points)
     bad = sum(not item.feasible for item in long_plan.points)
-    assert text.count("mm fits") + text.count("no amplitude fits") == bad
+    assert text.count("largest amplitude that fits: ") + text.count("no amplitude fits") == bad
 
 
 def test_points_of_a_cause_are_named_in_runs_of_neighbours_and_in_the_units_of_the_display() -> None:

@@ -59,7 +59,8 @@ def test_options_take_short_names_and_numbers_stay_numbers(logs: Path) -> None:
 
 
 @pytest.mark.parametrize(("given", "listed"), [
-    ("MR-00", {0, 1}), ("-4", set()), ("last-9", set()), ("MR-003", {0, 1}), ("importde", {2}), ("zzz", {0, 1, 2}),
+    ("MR-00", {0, 1}), ("-4", set()), ("last-1", set()), ("last-9", set()), ("MR-003", {0, 1}),
+    ("importde", {2}), ("zzz", {0, 1, 2}),
 ])
 def test_a_name_of_several_runs_or_none_is_refused_with_the_matching_or_similar_names(
     logs: Path, given: str, listed: set[int]
@@ -70,6 +71,15 @@ def test_a_name_of_several_runs_or_none_is_refused_with_the_matching_or_similar_
     assert {k for k, name in enumerate(NAMES) if name in lines} == listed  # alone on a line, so that it can be copied
     with pytest.raises(click.BadParameter):
         taken(given)
+
+
+def test_runs_without_points_are_ignored_where_another_run_matches(
+    logs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (logs / NAMES[0] / "points" / "p001.h5").touch()
+    assert taken("mr-00") == taken("last") == taken("-1") == [f"logs/{NAMES[0]}"]
+    assert "ignored: 2" in capsys.readouterr().err
+    assert taken("mr-002") == [f"logs/{NAMES[1]}"]
 
 
 def test_what_exists_goes_before_short_names(logs: Path) -> None:

@@ -205,8 +205,11 @@ def test_the_page_is_put_on_paper_too(
     sheets = pypdf.PdfReader(reported["pdf"]).pages
     text = "\n".join(sheet.extract_text() for sheet in sheets)
     assert all(words in text for words in ("FAIL", "drawing 4711", "sine, 20 mm, 1 Hz, 0.5 A", "page 1 of"))
-    assert main(["compare", *runs, "--pdf"]) == 2
+    assert main(["compare", *runs, "--pdf", "--out", "page.pdf"]) == 2
     assert "--out FILE.html" in capsys.readouterr().err
+    assert main(["compare", *runs, "--pdf"]) == 0
+    assert (tmp_path / "before-comparison.pdf").is_file()
+    capsys.readouterr()
     assert main(["compare", *runs, "--json"]) == 0
     reported = json.loads(capsys.readouterr().out)
     assert (reported["report"], reported["pdf"]) == (None, None)
