@@ -36,7 +36,7 @@ class Result:
         where: which tests: the motion, or the band's own words where no test fits them.
         points: ids of the points it was measured in.
         value: SI, or % of a change; NaN where missing.
-        expanded: expanded uncertainty (k = 2) of what is known of it.
+        expanded: expanded uncertainty (about 95 %) of what is known of it.
         low, high: the band; None where open.
         unit: of these.
         state: pass, fail, unsure or missing.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from rig.comparison.readings import COVERAGE, Motion, Quantity, Reading
+from rig.comparison.readings import COVERAGE, Motion, Quantity, Reading, widening
 
 SPEED_POWER_STD = 0.5 / math.sqrt(3.0)
 """Of the power of speed that a force follows: anything from dry friction (0) to viscous damping (1)."""
@@ -19,9 +19,10 @@ SPEED_POWER_STD = 0.5 / math.sqrt(3.0)
 class Change:
     """Difference to the first run's reading (SI), its standard uncertainty, both also in % of the first value.
 
-    The percentage has the first value's sign: more force in jounce, which is negative, is a positive change. It is NaN
-    where the first value is not significantly different from zero. `correction_percent` is by how much the later value
-    was corrected to the first one's motion.
+    The percentage has the first value's sign: more force in compression, which is negative, is a positive change. It is
+    NaN where the first value is not significantly different from zero. Both uncertainties are widened by Student's t
+    where the scatter is known from few cycles, so that twice either is an interval of 95 %. `correction_percent` is by
+    how much the later value was corrected to the first one's motion.
     """
 
     value: float
@@ -92,10 +93,17 @@ def change(before: Reading, after: Reading, *, same_gauge: bool, moved: Transfer
     if not same_gauge:
         calibrations = [part for part in (before.calibration, after.calibration) if math.isfinite(part)]
     std = math.hypot(before.std, *of_later, *calibrations)
+    wider = widening(_freedom(std, ((before.std, before.freedom), (of_later[0], after.freedom))))
     scale = 100.0 / before.value if before.significant else math.nan
     ratio = later / before.value if before.significant else math.nan
     percent_std = abs(scale) * math.hypot(*of_later, ratio * before.std, *calibrations)
-    return Change(value, std, scale * value, percent_std, 100.0 * (moved.factor - 1.0))
+    return Change(value, wider * std, scale * value, wider * percent_std, 100.0 * (moved.factor - 1.0))
+
+
+def _freedom(std: float, parts: Iterable[tuple[float, float]]) -> float:
+    """Effective degrees of freedom of a combined standard uncertainty (Welch and Satterthwaite; GUM, G.4.1)."""
+    weights = math.fsum(part**4 / freedom for part, freedom in parts if math.isfinite(part))
+    return std**4 / weights if weights > 0.0 and math.isfinite(std) else math.inf
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from rig.fits.fit_record import fit_in
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from rig.signals.delay_estimation.sample_match import student
 from rig.signals.test_set import (
     NOMINAL_SHARE,
     CurrentReading,
@@ -84,29 +85,38 @@ QUANTITIES = {quantity.key: quantity for quantity in (*LOOP_QUANTITIES, *SINGLE_
 class Reading:
     """A value (SI), its standard uncertainty from scatter (NaN: unknown) and from calibrations (NaN: not stated).
 
-    `near_zero` is the size below which the value is near zero beside others of its test.
+    `freedom` is the number of degrees of freedom from which `std` is known: three cycles leave two, and an interval of
+    twice such a standard uncertainty holds 82 %, not 95 %. `near_zero` is the size below which the value is near zero
+    relative to others of its test.
     """
 
     value: float
     std: float
     calibration: float = 0.0
     near_zero: float = 0.0
+    freedom: float = math.inf
 
     @property
     def significant(self) -> bool:
         """Whether it differs from zero by enough for a relative change to have a meaning."""
-        scatter = COVERAGE * self.std if math.isfinite(self.std) else 0.0
+        scatter = COVERAGE * widening(self.freedom) * self.std if math.isfinite(self.std) else 0.0
         return abs(self.value) > max(scatter, self.near_zero)
 
     @property
     def expanded(self) -> float:
-        """Expanded uncertainty (k = 2) of what is known of it."""
-        return COVERAGE * math.hypot(*(part for part in (self.std, self.calibration) if math.isfinite(part)))
+        """Expanded uncertainty (about 95 %) of what is known of it."""
+        parts = (widening(self.freedom) * self.std, self.calibration)
+        return COVERAGE * math.hypot(*(part for part in parts if math.isfinite(part)))
 
     @property
     def complete(self) -> bool:
         """Whether both parts of the uncertainty are known."""
         return math.isfinite(self.std) and math.isfinite(self.calibration)
+
+
+def widening(freedom: float) -> float:
+    """Factor on a standard uncertainty with these degrees of freedom, so that twice it is an interval of 95 %."""
+    return student(max(1, math.floor(freedom))) if math.isfinite(freedom) else 1.0
 
 
 @dataclass(frozen=True)
@@ -314,7 +324,10 @@ def _loop(
         reading = averaged(measured)
         if math.isfinite(reading.value):
             percent = _calibration_percent(quantity, points[members[0].id])
-            values[quantity.key] = Reading(reading.value, reading.std, abs(reading.value) * percent / 100.0)
+            # The larger one of the scatters of cycles and of repeats is used: it is known from both.
+            freedom = sum(loop.cycles for loop in members) - 1
+            calibration = abs(reading.value) * percent / 100.0
+            values[quantity.key] = Reading(reading.value, reading.std, calibration, freedom=freedom)
     values |= _beside({key: values[key] for key in ("rebound_force", "jounce_force") if key in values})
     speed_m_s = float(np.mean([loop.peak_speed_m_s for loop in members]))
     return LoopReading(motion, tuple(loop.id for loop in members), speed_m_s, values)

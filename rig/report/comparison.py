@@ -43,7 +43,7 @@ from rig.report.views import Loop
 
 SEVERITIES: dict[State, Severity] = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
 MOST_DRAWN = 24
-EXPANDED = f"{PLUS_MINUS} (k = 2)"
+EXPANDED = f"{PLUS_MINUS} (95 %)"
 
 
 def comparison_page(compared: Comparison) -> str:

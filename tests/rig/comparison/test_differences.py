@@ -52,6 +52,10 @@ def test_a_load_cell_that_measured_both_takes_its_calibration_out_of_the_differe
     assert other.std == pytest.approx(math.sqrt(0.25 + 4.0 + 4.41))
     assert other.differs is False
     assert change(before, Reading(104.0, math.nan), same_gauge=True).differs is None
+    # three cycles each: four degrees of freedom (Welch and Satterthwaite), t = 2.776 in place of 1.960
+    few = change(Reading(100.0, 1.0, freedom=2.0), Reading(103.0, 1.0, freedom=2.0), same_gauge=True)
+    assert few.std == pytest.approx(math.sqrt(2.0) * 2.776 / 1.960, rel=5e-3)
+    assert few.differs is False
 
 
 def test_parameters_of_different_models_are_not_compared(made_run: Make, made_fit: Make) -> None:
@@ -156,6 +160,7 @@ def test_a_force_near_zero_has_no_relative_change(made_run: Make, made_point: Ma
     assert any(re.search(r"^compression force[^%]*-(1|0\.99)[.0-9]* N[^%]*$", line) for line in lines)
     assert re.search("\N{MINUS SIGN}(1|0.99)[.0-9]* N", comparison_page(compared))
     (before / "matrix.toml").write_text('[display]\nforce = "lbf"\ndisplacement = "in"\npositive = "compression"\n')
+    compared = compare([before, after])
     lines = [text for text, _ in comparison_lines(compared, 120, everything=False)]
     assert any(re.search(r"^sine, 0.7874 in, .* compression force +lbf +0\.37.* \+0\.22", line) for line in lines)
     page = comparison_page(compared)
