@@ -22,6 +22,7 @@ from rig.bench.model import Bench
 from rig.campaign.sequencer.state import conditions_of
 from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
+from rig.display import SI
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, PlannedPoint, plan
 from rig.matrix.stopping import stopping_reach
@@ -517,3 +518,12 @@ def test_no_command_that_the_adaption_may_give_exceeds_the_plans_bound(bench: Be
             assert bound <= limit * (1.0 + 1e-9)
     fixed = table1.model_copy(update={"sweep": table1.sweep.model_copy(update={"adapt_amplitude": False})})
     assert all(item.highest_peaks == item.peaks for item in plan(fixed, bench).points[::7])
+
+
+def test_a_matrix_that_states_a_speed_gets_the_highest_speed_that_fits_at_its_stroke() -> None:
+    motion = 'stroke = "50 mm"\nspeed = "{:.4f} m/s"\ncurrent = "0 A"'
+    (item,) = plan(matrix(motion.format(1.0)), DEMO).points
+    assert item.would_fit_m_s is not None
+    assert plan(matrix(motion.format(item.would_fit_m_s)), DEMO).feasible
+    assert not plan(matrix(motion.format(item.would_fit_m_s + 2e-4)), DEMO).feasible
+    assert item.fits_text(SI).startswith("highest speed at this stroke that fits: 0.")
