@@ -261,7 +261,7 @@ def same_plan(planned: str, digest: str) -> None:
 
 
 def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options: CampaignOptions) -> None:
-    """Write `campaign.json`: id, time, software, hashes, how the rig was simulated, the points in order.
+    """Write `campaign.json`: id, time, software, matrix file, hashes, how the rig was simulated, points in order.
 
     Args:
         folder: the campaign's directory.
@@ -282,6 +282,7 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
         "software": f"mr-damper-rig {__version__}",
         "bench": "" if bench is None else bench.name,
         "specimen": matrix.specimen.serial_number,
+        "matrix_file": options.matrix_path.name,
         "hash": "" if bench is None else campaign_hash(bench, matrix),
         "hashes": hashes,
         "simulated": {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}

@@ -19,10 +19,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.campaign.confirmation import REQUALIFY, open_stops
+from rig.campaign.confirmation import LOOK_AT_THE_RIG, REQUALIFY, open_stops
 from rig.campaign.machine_resources import devices_of
 from rig.campaign.resume import left_out
 from rig.campaign.setup import described, plan_digest
+from rig.campaign.stop_cause import OPERATOR
 from rig.cli.plan import planned
 from rig.cli.tables import plan_blocks, verdict_blocks
 from rig.document.blocks import Block, Note, Paragraph, Table
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from rig.matrix.plan import Plan
 
 NICENESS = 10
+ON_PAGE = {LOOK_AT_THE_RIG: "the rig, and the cause named in this stop message"}
+"""A page does not show `station.log`."""
 
 
 def plan_answer(request: Mapping[str, Any]) -> dict[str, Any]:
@@ -60,7 +63,8 @@ def questions_answer(request: Mapping[str, Any]) -> dict[str, Any]:
     described(run)
     stops = open_stops(run)
     return {
-        "stops": [{**stop.to_json(), "text": stop.text} for stop in stops],
+        "stops": [{**stop.to_json(), "text": stop.text, "requested": stop.slug in OPERATOR, "check": ON_PAGE.get(
+            stop.look_at, stop.look_at)} for stop in stops],
         "requalify": any(stop.resume == REQUALIFY for stop in stops), "left_out": list(left_out(run)),
     }
 

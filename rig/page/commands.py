@@ -15,6 +15,7 @@ On the page of a bench, answered by `rig.page.desk`:
     {"do": "plan", "matrix": NAME}                        an operator's client; so is "questions" with "run": NAME
     {"do": "begin", "matrix", "planned", "serial_number"} the holder of the lease; so are "resume" with "run",
                                                           "confirmed", "requalified", and "make-report" with "run"
+    {"do": "show", "run": NAME}                           an operator's client: the run's view shows this finished run
 
 There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
 application at once; the others to the application alone, which decides.
@@ -38,7 +39,7 @@ LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 LONGEST_KEY = 64
 MOST_CONFIRMED = 100
-DESK_READS = frozenset({"plan", "questions"})
+DESK_READS = frozenset({"plan", "questions", "show"})
 DESK = DESK_READS | {"begin", "resume", "make-report"}
 """What `rig.page.desk` answers; the first of it starts and changes nothing."""
 
@@ -59,6 +60,8 @@ class Commands:
     Args:
         lease: the operator's.
         folder: the running campaign's live folder; None: nothing runs.
+        cancel: stops what is being started and has no live folder yet, in the name of a client; None: nothing
+            is started here.
         end: ends the page; None: that of a bench, which lasts.
         say: sends a datagram; False if it is not received.
     """
@@ -66,11 +69,13 @@ class Commands:
     def __init__(
         self, lease: Lease, folder: Callable[[], Path | None], end: Callable[[], None] | None,
         say: Callable[[str | Path, dict[str, Any]], bool] = send_message,
+        cancel: Callable[[str], bool] | None = None,
     ) -> None:
         self._lease = lease
         self._folder = folder
         self._end = end
         self._say = say
+        self._cancel = cancel
 
     def take(self, text: str | bytes, client: Client) -> dict[str, Any]:
         """One message; the answer carries `ok`, or `refused` with a slug."""
@@ -111,7 +116,8 @@ class Commands:
         """To both, in the order of who acts first; one that does not take it does not matter to the other."""
         folder = self._folder()
         if folder is None:
-            return _refused("not-running", "stop")
+            cancelled = self._cancel is not None and self._cancel(self.called(client))
+            return {"do": "stop", "ok": True} if cancelled else _refused("not-running", "stop")
         message = {"do": "stop", "by": self.called(client)}
         station = self._say(folder / STATION_SOCKET, message)
         application = self._say(folder / APPLICATION_SOCKET, message)

@@ -18,6 +18,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,14 @@ from rig.page.history import History
 from rig.page.matrices import LONGEST_NAME, Matrices
 from rig.page.started_run import StartedRun
 from rig.page.watched_run import WatchedRun
-from rig.station.live_folder import APPLICATION_SOCKET, DEVICES, read_json, running_folders, send_message
+from rig.station.live_folder import (
+    APPLICATION_SOCKET,
+    DEVICES,
+    STATION_SOCKET,
+    read_json,
+    running_folders,
+    send_message,
+)
 
 LOOK_EVERY_NS = 1_000_000_000
 ANSWER_S = 180.0
@@ -72,6 +80,32 @@ class Bench:
         return not self.devices.isdisjoint(named)
 
 
+class Phase(StrEnum):
+    """What a page of the bench says of it."""
+
+    IDLE = "idle"
+    STARTING = "starting"
+    RUNNING = "running"
+    EVALUATING = "evaluating"
+
+
+def phase(*, live: bool, ended: bool, begun: bool, lives: bool, settled: bool) -> Phase:
+    """The phase of a bench, which goes from one to the next in their order and back to idle alone.
+
+    Args:
+        live: a campaign runs, or is being evaluated.
+        ended: its motion has ended.
+        begun: a campaign was seen since the last start, or since the bench was idle.
+        lives: what was started here has not ended, or waits to be started.
+        settled: how the last run ended is known, and in the history.
+    """
+    if live:
+        return Phase.EVALUATING if ended else Phase.RUNNING
+    if settled and not lives:
+        return Phase.IDLE
+    return Phase.EVALUATING if begun else Phase.STARTING
+
+
 class Refusal(Exception):
     """Why something is not done: a code, and words for the operator."""
 
@@ -87,10 +121,12 @@ class Asker:
     Attributes:
         by: the operator's name, for the run's files.
         may_start: whether this browser has control now.
+        stopped: whether Stop was pressed since this was asked.
     """
 
     by: str
     may_start: Callable[[], bool]
+    stopped: Callable[[], bool] = lambda: False
 
 
 class Desk:
@@ -115,7 +151,13 @@ class Desk:
         self._plans: dict[str, dict[str, Any]] = {}
         self._asking = asyncio.Lock()
         self._waiting = 0
-        self._was_live: Path | None = None
+        self._was: tuple[Path | None, bool] = None, False
+        self._changed = False
+        self._begun = False
+        self._settled = True
+        self._pending: list[dict[str, str]] = []
+        self._stops = 0
+        self._stopped_by = ""
         if self.started is not None and not self.started.lives:
             self.outcome = self.started.outcome()
 
@@ -131,22 +173,71 @@ class Desk:
         """Something was started here and has not ended, whether its campaign is there yet or not."""
         return self.started is not None and self.started.lives
 
+    @property
+    def idle(self) -> bool:
+        """Nothing runs, and nothing that was started here has yet to end."""
+        return self.live_folder is None and not self.starting and not self._pending
+
+    def settle(self) -> None:
+        """The history has been read since the bench became idle."""
+        if self.idle:
+            self._settled, self._begun = True, False
+
+    @property
+    def phase(self) -> Phase:
+        """What happens on the bench now."""
+        live = self.live_folder
+        if live is not None:
+            self._begun, self._settled = True, False
+        ended = live is not None and bool(self.watched.state().get("ended"))
+        lives = self.starting or bool(self._pending) or (self.started is not None and not self.outcome)
+        return phase(live=live is not None, ended=ended, begun=self._begun, lives=lives, settled=self._settled)
+
+    def cancel(self, by: str) -> bool:
+        """Stop what is being started and has no live folder yet; False where nothing is."""
+        self._stops += 1
+        interrupted = self.started is not None and not self._begun and self.started.interrupt()
+        if interrupted:
+            self._stopped_by = by  # also told to the campaign, should it begin all the same
+        return interrupted or bool(self._pending)
+
     def look(self) -> bool:
-        """Find what runs, about once a second; True where another run is watched than before."""
+        """Find what runs, about once a second; True where this has changed since the last call that returned it."""
         now_ns = self._now_ns()
-        if now_ns - self._looked_ns < LOOK_EVERY_NS:
-            return False
+        if now_ns - self._looked_ns >= LOOK_EVERY_NS:
+            self._look(now_ns)
+        changed, self._changed = self._changed, False
+        return changed
+
+    def _look(self, now_ns: int) -> None:
         self._looked_ns = now_ns
         if self.started is not None and not self.outcome and not self.started.lives:
-            self.outcome = self.started.outcome()
+            self.outcome = self._outcome(self.started)
         live = self.live_folder
         if live is None and (live := self._found()) is not None:
             self.watched.close()
             self.watched = WatchedRun(None, live)
-        changed, self._was_live = live != self._was_live, live
+        was, self._was = self._was, (live, self.starting)
+        self._changed = self._changed or was != self._was or (not self._settled and self.idle)
         if live is not None:
+            self._begun, self._settled = True, False
+            self._stop_late(live)
             self._send_words(live)
-        return changed
+
+    def _outcome(self, started: StartedRun) -> dict[str, Any]:
+        """How what was started ended; a start that was stopped before its campaign began is no failure."""
+        outcome = started.outcome()
+        if not self._stopped_by or self._begun or outcome["campaign"]:
+            return outcome
+        text = f"{started.title}: stopped by {self._stopped_by} before the rig was connected."
+        return {**outcome, "refused": "operator", "text": text, "broken": False, "stopped": True}
+
+    def _stop_late(self, live: Path) -> None:
+        """A stop of a start reaches the campaign that has begun meanwhile, as any other stop does."""
+        if self._stopped_by:
+            message, self._stopped_by = {"do": "stop", "by": self._stopped_by}, ""
+            send_message(live / STATION_SOCKET, message)
+            send_message(live / APPLICATION_SOCKET, message)
 
     def _found(self) -> Path | None:
         """The live folder of a campaign on this bench; of several the newest."""
@@ -174,20 +265,22 @@ class Desk:
         """What a bench's page shows above its lists."""
         run, started = self.watched.run, self.started
         listed, note = self.matrices.listed()
-        live = self.live_folder is not None
+        phase = self.phase
+        live = phase in {Phase.RUNNING, Phase.EVALUATING} and self.live_folder is not None
+        begun = None if started is None else {"by": started.by, "title": started.title, "utc": started.utc}
         return {
             "type": "bench", "bench": self.bench.name, "file": self.bench.path.name, "simulate": self.bench.simulate,
             "speed": self.bench.speed, "folder": str(self.bench.matrices), "out": str(self.bench.out),
             "matrices": listed, "matrices_note": note, "running": live, "run": "" if run is None else run.name,
-            "starting": self.starting and not live,
-            "started": None if started is None else {"by": started.by, "title": started.title, "utc": started.utc},
-            "outcome": {} if self.starting else self.outcome,
+            "phase": str(phase), "starting": phase is Phase.STARTING,
+            "started": self._pending[-1] if self._pending else begun,
+            "outcome": self.outcome if phase is Phase.IDLE else {},
         }  # fmt: skip
 
     # What is asked of it
 
     async def answer(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
+        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`, `show`.
 
         One at a time, and few that wait: the processor is the rig's. `of` names the matrix or run it is about.
         """
@@ -195,18 +288,31 @@ class Desk:
         reply = {"do": do, "of": one_line(message.get("matrix", message.get("run")), LONGEST_NAME)}
         answers = {
             "plan": self._plan, "questions": self._questions, "begin": self._begin, "resume": self._resume,
-            "make-report": self._make_report,
+            "make-report": self._make_report, "show": self._show,
         }  # fmt: skip
         if self._waiting >= MOST_WAITING:
             return {**reply, "refused": "page-busy", "text": "Too many requests are waiting. Try again in a moment."}
         self._waiting += 1
+        starts, stops = do in {"begin", "resume"}, self._stops
+        asker = replace(asker, stopped=lambda: self._stops != stops)
         try:
             async with self._asking:
-                return {**reply, **await answers[do](message, asker)}
+                try:
+                    if starts:
+                        self._announce(do, str(reply["of"]), asker)
+                    return {**reply, **await answers[do](message, asker)}
+                finally:
+                    self._pending.clear()
         except Refusal as refusal:
             return {**reply, "refused": refusal.slug, "text": str(refusal)}
         finally:
             self._waiting -= 1
+
+    def _announce(self, do: str, name: str, asker: Asker) -> None:
+        """Show a start that is being checked; not where it will be refused because the rig is in use."""
+        self._idle()
+        title = f"resumed {name}" if do == "resume" else name
+        self._pending.append({"by": asker.by, "title": title, "utc": utc_now().isoformat(timespec="seconds")})
 
     def _idle(self) -> None:
         """Refuse what must not be done while the rig is in use.
@@ -214,8 +320,7 @@ class Desk:
         Raises:
             Refusal: a run is in progress, starting, or being evaluated.
         """
-        self._looked_ns = -LOOK_EVERY_NS
-        self.look()
+        self._look(self._now_ns())
         if self.live_folder is not None:
             ended = self.watched.state().get("ended")
             run = "" if self.watched.run is None else self.watched.run.name
@@ -315,6 +420,16 @@ class Desk:
         await self._ask({"do": "report", "run": str(self.bench.out / run["name"])})
         return {"ok": True, "run": run["name"]}
 
+    async def _show(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+        del asker
+        self._idle()
+        run = self.history.entry(message.get("run"))
+        if run is None:
+            raise Refusal("unknown-run", "This run is not in the list.")
+        self.watched.close()
+        self.watched = WatchedRun(self.bench.out / str(run["name"]))
+        return {"ok": True, "run": run["name"]}
+
     def _start(self, arguments: tuple[str, ...], asker: Asker, title: str, message: Mapping[str, Any]) -> None:
         """Start `rig run`; everything since the last look at what runs is done without waiting.
 
@@ -323,6 +438,8 @@ class Desk:
         """
         if not asker.may_start():
             raise Refusal("no-lease", "Take control first.")
+        if asker.stopped():
+            raise Refusal("operator", "Stop was pressed: nothing was started.")
         by = asker.by
         texts = {key: one_line(message.get(key), WORDS[key]) for key in ("specimen", "note")}
         words = {"operator": by, **{key: text for key, text in texts.items() if text}}
@@ -333,7 +450,7 @@ class Desk:
             )
         except OSError as error:
             raise Refusal("not-started", f"`rig run` cannot be started: {error.strerror or error}") from error
-        self.outcome = {}
+        self.outcome, self._stopped_by, self._begun, self._settled = {}, "", False, False
 
     async def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The answer of `rig.cli.page_answers`, a process of its own.

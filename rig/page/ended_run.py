@@ -26,7 +26,7 @@ from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.station.live_folder import read_json
 from rig.text_file import JSON_LIMIT_BYTES, open_regular
 
-EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"')
+EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"', b'"resumed"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
 KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
 PEAK_FORCES = ("peak_force_rebound_N", "peak_force_compression_N")
@@ -59,6 +59,8 @@ class EndedRun:
     @property
     def result(self) -> dict[str, Any]:
         """How it ended: `valid`, `total`, `rig_state`, `stopped_by`, `points`, `lines`; or `cut_off`, with `points`.
+
+        `resumed`, of a resumed run: how many times.
 
         With `refused` (a code) the last session did not begin, for the reason in `lines`; `points` are of those before.
         Of an imported run, which has no journal: `imported`, `valid`, `total`, `points`.
@@ -127,6 +129,7 @@ def _result(journal: Path) -> dict[str, Any]:
     result: dict[str, Any] | None = None
     refusal: dict[str, Any] | None = None
     points: dict[str, dict[str, Any]] = {}
+    resumed = 0
     for event in _events(journal):
         kind = event.get("event")
         if kind == "result":
@@ -136,19 +139,23 @@ def _result(journal: Path) -> dict[str, Any]:
             refusal = event
         elif kind in {"connected", "point"}:
             result = refusal = None
+        elif kind == "resumed":
+            resumed += 1
         elif kind == "judged" and _rank(event) >= _rank(points.get(str(event.get("id")), {})):
             points[str(event.get("id"))] = event
+    times = {"resumed": resumed} if resumed else {}
     if refusal is not None:
         slug, lines = str(refusal.get("slug") or "usage"), [str(refusal.get("text") or "")]
         cause = {"stopped_by": slug, "rig_state": "safe"} if slug in REQUESTED else {"refused": slug}
-        return {**cause, "points": list(points.values()), "lines": lines}
+        return {**cause, "points": list(points.values()), "lines": lines, **times}
     if result is None:
-        return {"cut_off": True, "points": list(points.values())}
+        return {"cut_off": True, "points": list(points.values()), **times}
     stop = result.get("stop")
     state_text = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
     lines = [text for text in (str(result.get("detail") or ""), state_text[:1].upper() + state_text[1:]) if text]
     lines += [str(one.get("text", "")) for one in _objects(result.get("findings"))]
-    return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
+    told = {key: result.get(key) for key in KEYS}
+    return {**told, "points": list(points.values()), "lines": lines, **times}
 
 
 def _objects(value: object) -> list[dict[str, Any]]:

@@ -80,17 +80,20 @@ class History:
         valid, suspect = verdicts.count("valid"), verdicts.count("suspect")
         ended, slug = self._ending(run, result)
         simulated = isinstance(described.get("simulated"), dict)
-        own = simulated is self._simulated
+        own, running = simulated is self._simulated, ended == "running"
         left = total - valid - suspect
         return {
             "name": name, "specimen": _text(described.get("specimen"), 80),
             "started": _text(described.get("started_utc"), 19), "bench": _text(described.get("bench"), 80),
             "simulated": simulated, "total": total, "valid": valid, "suspect": suspect,
             "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
-            "rig_state": _text(result.get("rig_state"), 20),
-            "text": _sentences(result.get("lines")),
-            "report": run.report.is_file() and not run.report.is_symlink(), "recorded": _has_files(run.points),
-            "resumable": own and left > 0 and ended != "running" and run.matrix.is_file(), "own": own, "left": left,
+            "matrix": _text(described.get("matrix_file"), 120),
+            "operator": _text(read_json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
+            "rig_state": "" if running else _text(result.get("rig_state"), 20),
+            "text": "" if running else _sentences(result.get("lines")),
+            "report": not running and run.report.is_file() and not run.report.is_symlink(),
+            "recorded": _has_files(run.points),
+            "resumable": own and left > 0 and not running and run.matrix.is_file(), "own": own, "left": left,
         }
 
     @staticmethod

@@ -20,6 +20,7 @@ LARGEST_BYTES = 262_144
 MOST_FILES = 300
 LONGEST_NAME = 120
 LINK = "is a symbolic link, which may point outside this folder. Fix: copy the matrix file into this folder"
+OTHER = "not a matrix file: it has no [specimen] table"
 NO_MATRIX = frozenset({"limits", "actuator", "benchmark", "data", "body", "profile"})
 """Tables of the other files of users."""
 
@@ -44,6 +45,7 @@ class Matrices:
             return [], f"{self.folder}: cannot be read: {error.strerror}"
         usable = [name for name in names if _usable(name)]
         matrices = [entry for name in usable[:MOST_FILES] if (entry := self._entry(name)) is not None]
+        matrices.sort(key=lambda entry: entry["remark"] == OTHER)
         self._known = {name: self._known[name] for name in usable if name in self._known}
         notes = []
         if len(usable) < len(names):
@@ -91,6 +93,8 @@ def _described(path: Path) -> dict[str, Any] | None:
         return {**entry, "remark": problem}
     if "specimen" not in data and NO_MATRIX & data.keys():
         return None
+    if not isinstance(data.get("specimen"), dict):
+        return {**entry, "remark": OTHER}
     with contextlib.suppress(KeyError, TypeError):
         entry["serial_number"] = str(data["specimen"]["serial_number"])[:80]
     return entry

@@ -101,7 +101,10 @@ class PageServer:
         self._access = access
         self._now_ns = now_ns
         self._lease = Lease(lambda: self._run.live_folder, now_ns, lasting=self._desk is not None)
-        self._commands = Commands(self._lease, lambda: self._run.live_folder, None if self._desk is not None else end)
+        self._commands = Commands(
+            self._lease, lambda: self._run.live_folder, None if self._desk is not None else end,
+            cancel=None if self._desk is None else self._desk.cancel,
+        )  # fmt: skip
         self._tasks: set[asyncio.Task[None]] = set()
         self._looking = asyncio.Lock()
         self._sent_status: dict[str, Any] = {}
@@ -232,9 +235,9 @@ class PageServer:
             refused = self._commands.refused_at_desk(do, client)
             asker = Asker(self._commands.called(client), lambda: self._lease.held_by(client.key))
             reply = refused or await desk.answer(message, asker)
+            self._send_status(desk)  # before the answer: what follows a start is seen by the browser in order
             with suppress(ConnectionClosed):
                 await connection.send(written({"type": "answer", **reply}))
-            self._send_status(desk)
             if do == "make-report" and "ok" in reply:
                 await self.refresh()
 
@@ -251,9 +254,13 @@ class PageServer:
         if self._desk is None:
             return
         async with self._looking:
+            over = self._desk.idle
             await asyncio.to_thread(self._desk.history.look)
         self._desk.show_newest()
         broadcast(self._on_bench(), written(self._history(self._desk)))
+        if over and self._desk.idle:
+            self._desk.settle()
+            self._send_status(self._desk)
         self._send_lease()
 
     @staticmethod

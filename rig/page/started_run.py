@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -97,6 +98,15 @@ class StartedRun:
         if self._process is not None:
             return self._process.poll() is None
         return self.pid > 0 and _began(self.pid) == self.ticks != 0
+
+    def interrupt(self) -> bool:
+        """Send it what Ctrl-C sends, which stops the rig if it is connected; False where it has ended."""
+        if not self.lives:
+            return False
+        with contextlib.suppress(OSError):
+            os.kill(self.pid, signal.SIGINT)
+            return True
+        return False
 
     def outcome(self) -> dict[str, Any]:
         """How it ended: `exit_code` (None where unknown), `campaign`, `report`, `refused` (a code), `text`."""

@@ -1,6 +1,6 @@
 // The bench: choose a matrix, read its plan, start; resume a run; reports. What moves the rig is checked by `rig run` and the station.
 
-let state = {}, standing = {}, bench = {}, runs = [], plan = null, planning = "", asked = null, going = false;
+let state = {}, standing = {}, bench = {}, runs = [], plan = null, planning = "", asked = null, going = false, sending = false, told = false, fresh = "", planned_at = 0;
 window.rigBench = { get state() { return state; }, get bench() { return bench; }, get runs() { return runs; }, get plan() { return plan; } };
 
 const WORDS = {
@@ -10,18 +10,18 @@ const WORDS = {
 };
 const with_token = (path, own = token) => `${path}?token=${encodeURIComponent(own)}`;
 const report_of = (name) => with_token(`/report/${encodeURIComponent(name)}`, standing.report_token || token);
-function busy() { return Boolean(bench.running || bench.starting); }
+function busy() { return Boolean(bench.phase) && bench.phase !== "idle"; }
 function frame() {}
 function gauges() {}
 
 function take(message) {
   if (message.type === "state") state = message;
   else if (message.type === "bench") { bench = message; show_matrices(); }
-  else if (message.type === "history") { runs = message.runs; show_history(); }
+  else if (message.type === "history") { runs = message.runs; told = true; show_history(); }
   else if (message.type === "standing") { standing = message; show_standing(); show_history(); if (bench.matrices) show_matrices(); }
   else if (message.type === "answer") answered(message);
   remember();
-  if (going && bench.running && state.running && !state.ended) { going = false; location.assign(with_token("/run")); return; }
+  if (going && bench.phase === "running" && state.running && !state.ended) { going = false; location.assign(with_token("/run")); return; }
   if (going && !busy() && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) {
     going = false;
     if (bench.outcome.refused === "plan-changed" && plan) ask_again(); // planned anew; the banner states why
@@ -33,17 +33,23 @@ function take(message) {
 
 function opinion() {
   if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig using its own controls."];
+  if (!told && performance.now() < 1000 * GIVEN_UP_S) return ["wait", "…", "CONNECTING", ""]; // just opened: nothing is known yet
   if (!connected()) return ["bad", "✗", "NO CONNECTION", "The page is not being served, or the network is down. A run in progress continues. Inspect the rig; start `rig page` again."];
-  if (bench.running && !state.ended) {
+  if (bench.phase === "running") { // the server's word for it: the state may still be that of the run before
+    if (state.ended) return ["wait", "…", "STARTING", bench.run];
     if (state.stopping || state.phase === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", bench.run];
     if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig using its own controls"];
     const left = typeof state.time_left_s === "number" ? `, ${duration(state.time_left_s)} left` : "";
     return ["good", "▶", state.phase === "paused" ? "PAUSED" : "RUNNING", `${bench.run || "preparing"}: ${state.phase || "starting"}${state.point ? `, ${state.point}` : ""}${left}`];
   }
-  if (bench.running) return ["wait", "…", "EVALUATING", `The run has ended; identifying the damper and writing the report of ${bench.run}.`];
-  if (bench.starting && bench.started) return ["wait", "…", "STARTING", `${bench.started.title} (${bench.started.by})`];
+  if (bench.phase === "evaluating") return ["wait", "…", "EVALUATING", `The run has ended; identifying the damper and writing the report of ${bench.run}.`];
+  if (bench.phase === "starting") {
+    if (stop_asked) return ["bad", "■", stop_asked.taken ? "STOPPING" : "STOP SENT", stop_asked.taken ? "The start is being cancelled." : "not yet confirmed; be ready to stop the rig using its own controls"];
+    return ["wait", "…", "STARTING", bench.started ? `${bench.started.title} (${bench.started.by})` : ""];
+  }
   const last = runs[0], newer = Boolean(last && bench.started && last.started > bench.started.utc.slice(0, 19)), outcome = newer ? {} : bench.outcome || {};
   if (outcome.broken) return ["bad", "✗", "NOT OK", `${outcome.text} Inspect the rig before continuing.`];
+  if (outcome.stopped) return ["bad", "■", "STOPPED", outcome.text];
   if (outcome.refused) return ["bad", "✗", "REFUSED", `${outcome.text} (${outcome.refused})`];
   return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No run on file yet."];
 }
@@ -58,16 +64,19 @@ function of_last(last) {
 }
 function judge() {
   const [kind, sign, verdict, why] = opinion(), last = runs[0], banner = by_id("banner"), idle = connected() && !busy();
+  if (!connected()) sending = false;
   if (banner.className !== kind) banner.className = kind;
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   document.title = `${verdict} – ${bench.bench || "MR damper rig"}`;
-  by_id("stop").hidden = !bench.running || Boolean(state.ended);
+  by_id("stop").hidden = !["starting", "running"].includes(bench.phase);
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken));
-  by_id("watch").hidden = !bench.run; by_id("watch").href = with_token("/run");
-  by_id("watch").textContent = bench.running ? "Watch the run" : "Last run";
+  by_id("watch").hidden = !bench.run || bench.phase === "starting"; by_id("watch").href = with_token("/run");
+  by_id("watch").textContent = bench.phase === "running" || bench.phase === "evaluating" ? "Watch the run" : last && last.name !== bench.run ? "Selected run" : "Last run";
   by_id("last-report").hidden = !(idle && last && last.report);
   if (last && by_id("last-report").dataset.name !== last.name + standing.report_token) { by_id("last-report").href = report_of(last.name); by_id("last-report").dataset.name = last.name + standing.report_token; }
   by_id("resume-last").hidden = !(idle && last && last.resumable && standing.role === "operator");
+  if (planning) { const text = `Planning ${planning} … ${duration((performance.now() - planned_at) / 1000)}`; if (by_id("plan-empty").textContent !== text) by_id("plan-empty").textContent = text; }
+  by_id("plan-progress").hidden = !planning;
   buttons();
 }
 
@@ -81,18 +90,26 @@ function show_standing() {
   if (mine && by_id("answer").textContent === WORDS["no-lease"]) answer("");
 }
 function buttons() {
-  const may = standing.mine && connected() && !busy() && !going, ticks = [...document.querySelectorAll("#confirm input")];
+  const may = standing.mine && connected() && !busy() && !going && !sending, ticks = [...document.querySelectorAll("#confirm input")];
   const set = (id, yes) => { if (by_id(id).disabled === Boolean(yes)) by_id(id).disabled = !yes; };
-  set("start", may && plan && plan.feasible);
+  const before = stopped_before();
+  by_id("choice").hidden = !before || busy();
+  if (before) by_id("choice-text").textContent = `The last run of this matrix (specimen ${before.specimen}) was ${before.ended}; ${before.left} of ${before.total} points are left. Do you want to resume it?`;
+  set("start", may && plan && plan.feasible && !before && by_id("serial").value.trim());
   set("resume-now", may && asked && ticks.every((tick) => tick.checked) && (!asked.requalify || by_id("requalified").value.trim()));
-  const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : "";
+  const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : before ? "First choose whether the stopped run is resumed." : plan && !by_id("serial").value.trim() ? "Enter the serial number of the specimen." : "";
   if (by_id("why-not").textContent !== why) by_id("why-not").textContent = why;
 }
 
 // Matrices and plan
 
+function stopped_before() { // the newest run of the planned matrix, where it was stopped: to be resumed, or not, by choice
+  const last = plan && runs.find((run) => run.own && run.matrix === plan.matrix);
+  return last && last.resumable && ["stopped", "interrupted"].includes(last.ended) && fresh !== last.name ? last : null;
+}
+
 function show_matrices() {
-  by_id("bench-name").textContent = `${bench.bench}${bench.simulate ? ` (SIMULATED, ${bench.speed} × real time)` : ""}`;
+  by_id("bench-name").textContent = `${bench.bench}${bench.simulate ? ` (SIMULATED, ${bench.speed} × real time)` : ""}`; by_id("simulated").hidden = !bench.simulate;
   by_id("folders").textContent = `bench ${bench.file}; matrices in ${bench.folder}; runs in ${bench.out}`;
   const list = by_id("matrices"), shown = JSON.stringify([bench.matrices, plan && plan.matrix, planning, standing.role]);
   by_id("matrices-note").textContent = bench.matrices_note || (bench.matrices.length ? "" : "No matrix files in this folder.");
@@ -102,24 +119,25 @@ function show_matrices() {
   for (const one of bench.matrices) {
     const item = element("li"), choose = push_button(one.name, `plan ${one.name} on this bench`, () => ask_plan(one.name));
     choose.dataset.name = one.name; choose.setAttribute("aria-pressed", String((planning || (plan && plan.matrix)) === one.name));
-    if (one.remark) choose.className = "wrong";
-    choose.disabled = standing.role !== "operator";
+    const other = one.remark.startsWith("not a matrix file");
+    if (one.remark && !other) choose.className = "wrong";
+    choose.disabled = standing.role !== "operator" || other;
     choose.append(element("span", one.remark || (one.serial_number ? `specimen ${one.serial_number}` : ""))); item.append(choose); list.append(item);
     if (one.name === focused) choose.focus();
   }
 }
 let remembered = false;
 function remember() { // the matrix of before, after a run or a reload
-  if (remembered || !bench.matrices || !standing.role) return;
+  if (remembered || !bench.matrices || !standing.role || busy()) return;
   remembered = true;
   const name = sessionStorage.getItem("rig-bench-matrix");
-  if (standing.role === "operator" && !busy() && bench.matrices.some((one) => one.name === name && !one.remark)) ask_plan(name);
+  if (standing.role === "operator" && bench.matrices.some((one) => one.name === name && !one.remark)) ask_plan(name);
 }
 let typed = null; // the serial number of a start that was refused because the plan had changed
 function ask_again() { typed = by_id("serial").value; ask_plan(plan.matrix); }
 function ask_plan(name) {
   if (planning === name) return;
-  asked = null; plan = null; planning = name; by_id("resume").hidden = true; by_id("begin").hidden = true;
+  asked = null; plan = null; planning = name; planned_at = performance.now(); by_id("resume").hidden = true; by_id("begin").hidden = true;
   sessionStorage.setItem("rig-bench-matrix", name);
   by_id("plan").replaceChildren(); by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = `Planning ${name} …`; by_id("plan-head").textContent = "2. Read the plan, then start"; answer("");
   if (!say({ do: "plan", matrix: name })) planning = "";
@@ -132,17 +150,26 @@ function show_plan(message) {
     by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "This matrix cannot be planned:";
     by_id("plan").replaceChildren(...words_of(message).split("\n").map((line) => element("p", line, "poor"))); show_matrices(); return;
   }
-  plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false; enter_serial(message.serial_number);
+  plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false;
   by_id("plan-head").textContent = `2. Plan of ${message.matrix}`;
-  by_id("plan").replaceChildren(...message.blocks.filter((block) => block.text !== "").map(show_block)); by_id("plan").scrollTop = 0;
+  by_id("plan").replaceChildren(...message.blocks.filter((block) => block.text !== "").map(show_block)); by_id("plan").scrollTop = 0; enter_serial(message.serial_number);
   show_matrices();
 }
 function enter_serial(proposed) { // never that of a specimen that was tested before: the next one would be recorded under its name
-  const tested = runs.some((run) => run.specimen === proposed && run.recorded);
+  const tested = runs.some((run) => run.specimen === proposed || run.matrix === plan.matrix);
   by_id("serial").value = typed !== null ? typed : tested ? "" : proposed;
-  by_id("serial").placeholder = tested ? `tested: ${proposed}` : ""; typed = null;
+  by_id("serial").placeholder = tested ? "required" : ""; typed = null; show_serial();
+}
+function show_serial() { // the plan states what would be started, and the hint what there is of this specimen
+  const serial = by_id("serial").value.trim(), before = runs.find((run) => run.specimen === serial && serial);
+  const count = runs.filter((run) => run.specimen === serial).length, hint = before ? `${serial} already has ${count === 1 ? "a run" : `${count} runs`} on file; the last one: ${local(before.started)}, ${before.ended}, ${before.valid} of ${before.total} points valid.` : "";
+  if (by_id("serial-hint").textContent !== hint) by_id("serial-hint").textContent = hint;
+  const named = document.querySelector("#plan .serial"); if (named) named.textContent = serial || "(no serial number)";
 }
 function show_block(block) {
+  if (block.kind === "text" && block.text.startsWith(`${plan.serial_number} on `)) {
+    const line = element("p"); line.append(element("span", "", "serial"), block.text.slice(plan.serial_number.length)); return line;
+  }
   if (block.kind !== "table") return element("p", block.text, block.kind === "note" ? block.level : "");
   const made = element("table"), head = element("tr"), body = element("tbody"), top = element("thead");
   for (const column of block.columns) head.append(element("th", `${column.title}${column.unit ? ` / ${column.unit}` : ""}`, column.numeric ? "numeric" : ""));
@@ -160,28 +187,34 @@ function ask_questions(name) { answer(""); planning = ""; remembered = true; if 
 function show_questions(message) {
   asked = message; plan = null; by_id("begin").hidden = true; by_id("plan").replaceChildren(); by_id("plan-empty").hidden = true;
   by_id("plan-head").textContent = `Resume ${message.run}`; by_id("resume").hidden = false; by_id("requalified-box").hidden = !message.requalify; by_id("requalified").value = "";
-  by_id("resume-head").textContent = `Specimen ${message.specimen}: ${message.left} of ${message.total} points left. All checks are repeated; valid points are kept.${message.stops.length ? " Confirm each cause of the stop:" : ""}`;
+  by_id("resume-head").textContent = `Specimen ${message.specimen}: ${message.left} of ${message.total} points left. All checks are repeated; valid points are kept.${message.stops.length ? " Confirm the following:" : ""}`;
   by_id("left-out").textContent = message.left_out.length ? `Options of the first simulated rig that are not reused: ${message.left_out.join(", ")}.` : "";
   by_id("confirm").replaceChildren();
   for (const one of message.stops) {
     const label = element("label"), tick = element("input"); tick.type = "checkbox"; tick.value = one.slug; tick.onchange = buttons;
-    label.append(tick, element("span", `${one.slug} (${one.stop}, ${one.utc.slice(0, 19)} UTC): ${one.detail || "no detail"} – checked and fixed: ${one.look_at}`)); by_id("confirm").append(label);
+    label.append(tick, element("span", words_of_stop(one))); by_id("confirm").append(label);
   }
   show_matrices(); by_id("plan-box").scrollIntoView({ block: "nearest" }); (document.querySelector("#confirm input") || by_id("resume-now")).focus(); buttons();
+}
+function words_of_stop(one) {
+  const time = local(one.utc.slice(0, 19)) || one.utc;
+  if (one.requested) return `${time}: ${one.detail || "Stop was requested"}. The reason for this stop no longer exists; it is safe to move the rig again.`;
+  return `${time}, ${one.slug} (${one.stop}): ${one.detail || "no detail"}. I have checked and, if necessary, fixed: ${one.check || one.look_at}.`;
 }
 function cancel() { asked = null; by_id("resume").hidden = true; by_id("plan-empty").hidden = false; by_id("plan-empty").textContent = "Choose a matrix to see its plan on this bench."; by_id("plan-head").textContent = "2. Read the plan, then start"; buttons(); }
 
 // History
 
 const ENDINGS = { finished: "finished", stopped: "stopped", refused: "refused", interrupted: "interrupted", running: "running", imported: "imported" };
-function local(utc) { return utc ? new Date(`${utc}Z`).toLocaleString("sv-SE").slice(0, 16) : ""; }
+function local(utc) { return Number.isFinite(Date.parse(`${utc}Z`)) ? new Date(`${utc}Z`).toLocaleString("sv-SE").slice(0, 16) : ""; }
 function show_history() {
   const body = by_id("history").tBodies[0], focused = document.activeElement && body.contains(document.activeElement) ? document.activeElement.dataset.name : "";
-  body.replaceChildren();
+  body.replaceChildren(); show_serial();
+  if (!runs.length) { const cell = element("td", "No runs yet.", "none"); cell.colSpan = 6; const row = element("tr"); row.append(cell); body.append(row); }
   for (const run of runs) {
     const row = element("tr"), good = run.ended === "finished" && run.valid === run.total, acts = element("td", undefined, "acts");
     if (!good && !["running", "imported"].includes(run.ended)) row.className = "bad";
-    const text = `${ENDINGS[run.ended] || run.ended}${run.slug ? `: ${run.slug}` : ""}${run.rig_state === "unknown" ? "; RIG STATE UNKNOWN" : ""}`;
+    const text = `${ENDINGS[run.ended] || run.ended}${run.slug ? `: ${run.slug}` : ""}${run.rig_state === "unknown" ? "; RIG STATE UNKNOWN" : ""}${run.resumed ? `; resumed${run.resumed > 1 ? ` ${run.resumed} times` : ""}` : ""}`;
     const result = element("td"); result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), element("span", text)); if (run.text) result.append(element("div", run.text.length > 160 ? `${run.text.slice(0, 160)} …` : run.text, "small"));
     const points = `${run.valid} of ${run.total} valid${run.suspect ? `, ${run.suspect} suspect` : ""}${run.invalid ? `, ${run.invalid} invalid` : ""}`;
     if (run.report) { const link = element("a", "Report"); link.href = report_of(run.name); link.target = "_blank"; link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name}`); acts.append(link); }
@@ -189,20 +222,27 @@ function show_history() {
       if (!run.report && run.recorded && run.ended !== "running") acts.append(act("Make report", run, () => say({ do: "make-report", run: run.name })));
       if (run.resumable) acts.append(act("Resume…", run, () => ask_questions(run.name)));
     }
-    row.append(element("td", local(run.started)), element("td", `${run.specimen}${run.simulated ? " (simulated)" : ""}`), result, element("td", points), element("td", run.name, "small"), acts);
+    const name = element("td", undefined, "small"), specimen = element("td", `${run.specimen}${run.simulated ? " (simulated)" : ""}`);
+    if (run.matrix) specimen.append(element("div", run.matrix, "small"));
+    if (standing.role === "operator" && run.ended !== "running") name.append(view_of(run)); else name.append(run.name);
+    if (run.operator) name.append(element("div", `operator: ${run.operator}`));
+    row.append(element("td", local(run.started)), specimen, result, element("td", points), name, acts);
     body.append(row);
   }
   if (focused) { const again = body.querySelector(`[data-name="${CSS.escape(focused)}"]`); if (again) again.focus(); }
 }
+function view_of(run) { const made = push_button(run.name, `Show ${run.name}`, () => say({ do: "show", run: run.name })); made.className = "view"; made.dataset.name = `view ${run.name}`; return made; }
 function act(text, run, press) { const made = push_button(text, `${text} ${run.name}`, press); made.dataset.name = `${text} ${run.name}`; made.setAttribute("aria-label", `${text} ${run.name}`); return made; }
 
 function words_of(message) { return message.text || WORDS[message.refused] || message.refused; }
 function answered(message) {
   if (message.do === "clock" && message.ok) { clock_answered(message); return; }
   if (message.do === "stop") stop_answered(message);
+  if (message.do === "begin" || message.do === "resume") sending = false;
+  if (message.do === "show" && message.ok) { location.assign(with_token("/run")); return; }
   if (message.do === "plan") { show_plan(message); return; }
   if (message.do === "questions" && message.ok) { answer(""); show_questions(message); return; }
-  if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; bench.starting = true; bench.outcome = {}; answer(""); if (asked) cancel(); return; }
+  if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
   if (message.do === "begin" && message.refused === "not-planned" && plan) ask_again();
   answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");
 }
@@ -212,9 +252,12 @@ by_id("lease").onsubmit = (event) => { event.preventDefault(); say({ do: "lease"
 by_id("release").onclick = () => say({ do: "release" });
 by_id("resume-last").onclick = () => ask_questions(runs[0].name);
 by_id("cancel").onclick = cancel;
+by_id("choose-resume").onclick = () => { const before = stopped_before(); if (before) ask_questions(before.name); };
+by_id("choose-new").onclick = () => { const before = stopped_before(); if (before) fresh = before.name; buttons(); by_id("serial").focus(); };
+by_id("serial").oninput = () => { show_serial(); buttons(); };
 by_id("requalified").oninput = buttons;
-by_id("begin").onsubmit = (event) => { event.preventDefault(); if (plan) say({ do: "begin", matrix: plan.matrix, planned: plan.planned, serial_number: by_id("serial").value.trim(), specimen: by_id("specimen").value, note: by_id("note").value }); };
-by_id("resume").onsubmit = (event) => { event.preventDefault(); if (asked) say({ do: "resume", run: asked.run, confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value), requalified: by_id("requalified").value }); };
+by_id("begin").onsubmit = (event) => { event.preventDefault(); if (plan && !by_id("start").disabled) { stop_asked = null; sending = say({ do: "begin", matrix: plan.matrix, planned: plan.planned, serial_number: by_id("serial").value.trim(), specimen: by_id("specimen").value, note: by_id("note").value }); buttons(); } };
+by_id("resume").onsubmit = (event) => { event.preventDefault(); if (asked && !by_id("resume-now").disabled) { stop_asked = null; sending = say({ do: "resume", run: asked.run, confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value), requalified: by_id("requalified").value }); buttons(); } };
 document.addEventListener("keydown", (event) => {
   const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
   if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rig.page.desk import MOST_WAITING, Asker, Bench, Desk
+from rig.page.desk import MOST_WAITING, Asker, Bench, Desk, Phase, phase
 from rig.page.history import History
 from rig.page.matrices import Matrices
 from rig.page.started_run import OUTPUT, StartedRun
@@ -31,6 +31,7 @@ class Started:
 
     arguments: list[tuple[str, ...]] = field(default_factory=list)
     lives: bool = True
+    interrupted: bool = False
 
     def start(self, folder: Path, arguments: tuple[str, ...], **named: str) -> StartedRun:
         self.arguments.append(arguments)
@@ -38,6 +39,10 @@ class Started:
 
         class Run(StartedRun):
             lives = property(lambda _: outer.lives)
+
+            def interrupt(self) -> bool:
+                outer.interrupted = True
+                return outer.lives
 
         return Run(**{name: getattr(made, name) for name in ("folder", "arguments", "by", "title", "utc")})
 
@@ -131,6 +136,62 @@ def test_of_two_browsers_that_start_two_matrices_one_is_refused_in_words(
     assert asked(desk, do="begin", matrix="n.toml", planned=DIGEST, serial_number="A")["refused"] == "already-running"
     assert asked(desk, do="plan", matrix="n.toml")["text"] == "Ada is starting a run: m.toml, specimen A."
     assert len(started.arguments) == 1
+
+
+def test_a_start_is_announced_until_its_campaign_is_there_and_an_end_only_after_it() -> None:
+    """Live folder, end of motion, and process change in any order; what is shown goes forward alone."""
+    begun, shown = False, []
+    for live, ended, lives, settled in (
+        (False, False, False, True), (False, False, True, False), (True, False, True, False), (True, True, True, False),
+        (False, False, True, False), (False, False, False, False), (False, False, False, True),
+    ):  # fmt: skip
+        begun = begun or live
+        shown.append(phase(live=live, ended=ended, begun=begun, lives=lives, settled=settled))
+    evaluating = [Phase.EVALUATING] * 3
+    assert shown == [Phase.IDLE, Phase.STARTING, Phase.RUNNING, *evaluating, Phase.IDLE]
+
+
+def test_the_page_is_idle_again_once_the_history_is_read_and_no_earlier(
+    desk: AnsweringDesk, started: Started, tmp_path: Path
+) -> None:
+    planned(desk)
+    begin = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "A"}
+    assert (asked(desk, **begin)["ok"], desk.status()["phase"]) == (True, "starting")
+    folder, lock = make_live_folder(tmp_path / "live")
+    replace_json(folder / DEVICES, {"out": str(desk.bench.out), "devices": ["port:1"]})
+    seen = [asked(desk, do="plan", matrix="m.toml")["refused"], desk.status()["phase"]]
+    replace_json(folder / "state.json", {"ended": {"valid": 1}})
+    seen.append(desk.status()["phase"])
+    os.close(lock)
+    seen.append(desk.status()["phase"])
+    started.lives = False
+    seen.append(desk.status()["phase"])
+    assert seen == ["already-running", "running", "evaluating", "evaluating", "evaluating"]
+    planned(desk)
+    assert desk.look() is True, "what a request has noticed is still news to the server"
+    desk.settle()
+    assert desk.status()["phase"] == "idle"
+
+
+def test_stop_ends_what_is_being_started(desk: AnsweringDesk, started: Started) -> None:
+    assert desk.cancel("Ada") is False
+
+    async def stopped_while_it_waits() -> str:
+        waiting = asyncio.create_task(desk.answer(begin, ADA))
+        await asyncio.sleep(0)
+        desk.cancel("viewer")
+        return str((await waiting).get("refused"))
+
+    run = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    begin = {"do": "resume", "run": run, "confirmed": []}
+    assert (asyncio.run(stopped_while_it_waits()), started.arguments) == ("operator", [])
+    assert asked(desk, **begin)["ok"] is True
+    assert (desk.cancel("Eve"), started.interrupted) == (True, True)
+    started.lives = False
+    planned(desk)
+    desk.settle()
+    outcome = desk.status()["outcome"]
+    assert outcome["text"] == f"resumed {run}: stopped by Eve before the rig was connected."
 
 
 @pytest.mark.parametrize(("change", "refused"), [
