@@ -171,11 +171,12 @@ function show_block(block) {
     const line = element("p"); line.append(element("span", "", "serial"), block.text.slice(plan.serial_number.length)); return line;
   }
   if (block.kind !== "table") return element("p", block.text, block.kind === "note" ? block.level : "");
+  const kind = (column) => [column && column.numeric ? "numeric" : "", column && ["accel.", "heat"].includes(column.title) ? "minor" : ""].join(" ").trim(); // a phone leaves out what is minor
   const made = element("table"), head = element("tr"), body = element("tbody"), top = element("thead");
-  for (const column of block.columns) head.append(element("th", `${column.title}${column.unit ? ` / ${column.unit}` : ""}`, column.numeric ? "numeric" : ""));
+  for (const column of block.columns) head.append(element("th", `${column.title}${column.unit ? ` / ${column.unit}` : ""}`, kind(column)));
   for (const row of block.rows) {
     const line = element("tr", undefined, row.level);
-    row.cells.forEach((cell, index) => line.append(element("td", cell, block.columns[index] && block.columns[index].numeric ? "numeric" : "")));
+    row.cells.forEach((cell, index) => line.append(element("td", cell, kind(block.columns[index]))));
     body.append(line);
   }
   top.append(head); made.append(top, body); return made;
