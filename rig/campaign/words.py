@@ -110,7 +110,8 @@ MESSAGES = {
     "without-options": "the simulated rig is being started without these options of the previous session: {names}",
     "requalified": "requalified: {text}",
     "at-the-end": "at the end of the campaign: {error}",
-    "pause-asked": "the campaign will pause after the current point; resume with Ctrl-Z or with Start on the page",
+    "pause-asked": "the campaign will pause after the current point; continue with Ctrl-Z in the terminal or with "
+    "Resume on the page",
     "pause-over": "continuing",
     "clock-step": "the system time changed by {stepped_s:+.3f} s; recorded times (host_ns) are not affected",
     "station-late": "this computer was busy: monitoring paused for {late_ms:.0f} ms (pause {count}); queued samples "

@@ -331,7 +331,9 @@ class PageServer:
         run = self._run.run
         entry = None if run is None else desk.history.entry(run.name)
         report = run.name if run is not None and entry is not None and entry["report"] else ""
-        return {"bench": desk.bench.name, "report": report, "report_token": self._access.tokens[Role.VIEWER]}
+        token = self._access.tokens[Role.VIEWER]
+        bench = desk.bench
+        return {"bench": bench.name, "simulate": bench.simulate, "report": report, "report_token": token}
 
     def _send_lease(self) -> None:
         self._sent_lease = self._lease.holder

@@ -18,10 +18,12 @@ from rig.errors import FileProblem
 from rig.files.kept_display import kept_display
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
-from rig.station.live_folder import LOCK, PLAN, RESULTS, STATE, held, read_json
+from rig.station.live_folder import DEVICES, LOCK, PLAN, RESULTS, STATE, held, read_json
 from rig.text_file import JSON_LIMIT_BYTES, open_regular
 
 KEPT_EVENTS = 200
+STOP_PARTS_WITHIN = 20
+"""Events between the parts of one stop: the application's note, the station's trip, the campaign's result."""
 LONGEST_READ = 1 << 20
 TEXT_KEYS = ("text", "detail", "reason", "note")
 QUIET = frozenset({"sent", "stop", "setpoints", "late"})
@@ -76,8 +78,8 @@ class WatchedRun:
         run, live = self.run, self.live_folder
         station = self._station()
         plan = {} if live is None else read_json(live / PLAN)
+        described = {} if run is None else read_json(CampaignFolder(run).description)
         if live is None and run is not None:
-            described = read_json(CampaignFolder(run).description)
             plan = {
                 "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
                 "points": [] if self.ended is None else self.ended.result["points"],
@@ -85,7 +87,8 @@ class WatchedRun:
         ecu = station.get("ecu")
         return {
             "type": "run", "name": "" if run is None else run.name, "specimen": plan.get("specimen", ""),
-            "bench": plan.get("bench", ""), "points": plan.get("points", []), "limits": station.get("limits", {}),
+            "bench": plan.get("bench", ""), "simulated": _is_simulated(live, described),
+            "points": plan.get("points", []), "limits": station.get("limits", {}),
             "devices": devices(station), "device_rate": station.get("device_rate", 1.0), "display": self._display(),
             "by_hand": isinstance(ecu, dict) and bool(ecu.get("by_hand")), "ring": station.get("ring_path", ""),
         }
@@ -134,7 +137,8 @@ class WatchedRun:
         if live is not None:
             state = read_json(live / STATE)
             state.pop("messages", None)  # the terminal's; what matters of them is among the events
-            return {"type": "state", **state, "running": True}
+            entered = {} if self.run is None else read_json(CampaignFolder(self.run).operator)
+            return {"type": "state", **state, "entered": str(entered.get("specimen", "")), "running": True}
         state = {} if self._live is None else read_json(self._live / STATE)
         ended = state.get("ended")
         if ended is None and self.ended is not None:
@@ -180,12 +184,36 @@ class WatchedRun:
         return stamp != before
 
     def news(self) -> list[dict[str, Any]]:
-        """New events of the journal, for people; kept in `events` as well."""
+        """New events of the journal, for people; kept in `events` as well.
+
+        The parts of one stop are one event; `instead_of` is the text of an event that it replaces.
+        """
         run = self.run
         lines = [] if run is None else self._journal.lines(CampaignFolder(run).journal)
-        shown = [event for event in map(shown_event, lines) if event is not None]
-        self.events.extend(shown)
-        return shown[-KEPT_EVENTS:]
+        new: list[dict[str, Any]] = []
+        for event in map(shown_event, lines):
+            if event is None or (event["part"] == RESULT and self._is_told(event)):
+                continue
+            before = self._other_part(event)
+            if before is not None:
+                event = _joined(before, event)
+                self.events.remove(before)
+                new = [one for one in new if one is not before]
+            self.events.append(event)
+            new.append(event)
+        return new[-KEPT_EVENTS:]
+
+    def _is_told(self, result: dict[str, Any]) -> bool:
+        return any(result["text"] in known["text"] for known in self.events if known["part"] in {TRIP, STOP})
+
+    def _other_part(self, event: dict[str, Any]) -> dict[str, Any] | None:
+        """The note that belongs to this trip, or the trip that belongs to this note."""
+        for known in list(self.events)[: -STOP_PARTS_WITHIN - 1 : -1]:
+            if {known["part"], event["part"]} == {NOTE, TRIP}:
+                note, trip = (known, event) if known["part"] == NOTE else (event, known)
+                if trip["text"] and trip["text"] in note["text"]:
+                    return known
+        return None
 
     def close(self) -> None:
         """Let go of the ring."""
@@ -225,6 +253,22 @@ class Journal:
         return events
 
 
+NOTE, TRIP, RESULT, STOP = "note", "trip", "result", "stop"
+"""Parts of a stop, and what note and trip become together."""
+
+
+def _joined(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """One event of a stop's note and trip: the code of the trip, the words of the note."""
+    note, trip = (before, after) if before["part"] == NOTE else (after, before)
+    return {**trip, "part": STOP, "utc": before["utc"], "text": note["text"], "instead_of": before["text"]}
+
+
+def _is_simulated(live: Path | None, described: dict[str, Any]) -> bool:
+    """Whether a run is known to be on a simulated rig: such a rig has no devices of its own."""
+    devices = None if live is None else read_json(live / DEVICES).get("devices")
+    return devices == [] or isinstance(described.get("simulated"), dict)
+
+
 def shown_event(event: dict[str, Any]) -> dict[str, Any] | None:
     """One event of the journal as the page shows it; None for what people need not read."""
     kind, what = str(event.get("event", "")), str(event.get("what", ""))
@@ -236,9 +280,12 @@ def shown_event(event: dict[str, Any]) -> dict[str, Any] | None:
         return None
     grave = what in {"trip", "unknown"} or kind in {"error", "refused"}
     minor = kind in {"warning", "finding"} or what in {"also", "warning"}
+    noted = kind in {"info", "warning", "error"} and not slug
+    part = RESULT if kind == RESULT else TRIP if what == TRIP else NOTE if noted else ""
     return {
         "utc": str(event.get("utc", ""))[:19], "level": "error" if grave else "warning" if minor else "info",
         "slug": "" if slug is None else str(slug), "text": text[:500], "by": str(event.get("by", ""))[:80],
+        "part": part,
     }  # fmt: skip
 
 

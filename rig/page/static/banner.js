@@ -17,6 +17,17 @@ function age_s(channel) { return now_s() - series.get(channel).last_t; }
 function first_frame_s() { return first_at ? (performance.now() - first_at) / 1000 : 0; }
 function moving() { return ["running", "adapting the amplitude", "warming up", "centring", "stepping the current"].includes(state.phase); }
 function heard_of() { return Boolean(run) && run.devices.some((one) => series.has(one.channel)); }
+const PREPARING = ["", "preparing", "new", "connecting", "arming", "testing watchdog", "checking zeros", "hydraulics to low pressure", "hydraulics to full pressure", "checking the sensors with a slow move"];
+function preparing() { return !heard_of() || PREPARING.includes(state.phase || ""); } // nothing is proven yet
+// What the controller says of the hydraulics (drivers/roles.py); a rod under pressure may move at any moment.
+function hydraulics() {
+  const value = series.has(23) && age_s(23) < 2 ? series.get(23).last : NaN;
+  return value === 0 ? "off" : value === 1 ? "at low pressure" : value >= 2 && value <= 6 ? "on" : "";
+}
+function of_a_pause() {
+  const known = hydraulics(), pressed = standing.role === "viewer" || !standing.mine ? "the operator presses Resume" : "you press Resume";
+  return `${known ? `The hydraulics are ${known}` : "The hydraulics may be on"}; the rod may move when ${pressed}`;
+}
 function points_that_are(verdict) { return Object.entries(results).filter(([, one]) => one.verdict === verdict).map(([id]) => id); }
 
 function opinion() {
@@ -28,16 +39,16 @@ function opinion() {
   if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
   if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig using its own controls"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
-  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused: press Resume to continue" : "";
+  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused" : "";
   if (late.length) return ["bad", "✗", "NOT OK", `no new data from: ${late.join(", ")}${todo}`];
   if (invalid.length) return ["bad", "✗", "NOT OK", `invalid points: ${invalid.join(", ")}${todo}`];
   const doubt = suspect.length ? `; suspect points: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
   if (state.held) return ["wait", "Ⅱ", "READY", standing.mine ? "press Start to begin" : standing.role === "viewer" || standing.holder ? "waiting for Start" : "to begin, take control, then press Start"];
-  if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `press Resume to continue${doubt}`];
-  const what = `${state.phase || ""}${state.paused ? "; the campaign will pause after this point" : ""}`;
+  if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `${of_a_pause()}${doubt}`];
+  const what = `${state.phase || ""}${state.paused ? `; the campaign will pause ${preparing() ? "before the first point" : "after this point"}` : ""}`;
   if (suspect.length) return ["bad", "?", "CHECK", `suspect points: ${suspect.join(", ")}; ${what}`];
-  return heard_of() ? ["good", "✓", "OK", what] : ["wait", "…", "STARTING", what];
+  return preparing() ? ["wait", "…", "STARTING", what] : ["good", "✓", "OK", what];
 }
 
 function of_a_stop() { // until the campaign has ended, or moves again
@@ -46,8 +57,10 @@ function of_a_stop() { // until the campaign has ended, or moves again
   return ["bad", "■", "STOPPING", !state.stopping || state.phase === "stopping" ? fading : state.phase];
 }
 
+function points_left() { return run && run.name && run.points.length > points_that_are("valid").length + points_that_are("suspect").length; }
 function of_the_end(ended, note) {
-  const lines = (ended.lines || []).map((line) => /[.!?:;]$/.test(line) ? line : `${line}.`).join(" ");
+  const here = (line) => standing.bench ? line.replace(/rig run --resume .*$/, "Resume on the bench page") : line; // no terminal here
+  const lines = (ended.lines || []).map(here).map((line) => /[.!?:;]$/.test(line) ? line : `${line}.`).join(" ");
   if (ended.refused) return ["bad", "✗", "REFUSED", lines + note];
   if (ended.imported) return ["wait", "↥", "IMPORTED", `${ended.valid} of ${ended.total} imported tests valid${note}`];
   if (ended.cut_off) return ["bad", "✗", "INTERRUPTED", `The campaign ended without a result (process killed or power failure). Inspect the rig before you resume the campaign.${note}`];
@@ -59,12 +72,15 @@ function of_the_end(ended, note) {
 }
 
 function judge() {
-  const [kind, sign, verdict, why] = opinion(), banner = by_id("banner");
+  const [kind, sign, verdict, why] = opinion(), banner = by_id("banner"), safe = Boolean(state.ended) && state.ended.rig_state === "safe";
   if (banner.className !== kind) banner.className = kind;
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); legends(); redraw(); }
+  by_id("stop").hidden = over || safe; // until the run has reported its end, the process may still move the rod
+  by_id("to-resume").hidden = !(standing.bench && standing.role === "operator" && state.ended && !state.ended.imported && points_left());
+  by_id("to-resume").href = `/?token=${encodeURIComponent(token)}&resume=${encodeURIComponent(run ? run.name : "")}`;
   by_id("close").hidden = !(over && connected() && standing.role === "operator") || Boolean(standing.bench);
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && selected.some(Boolean)));
   document.title = `${verdict} – MR damper rig`;

@@ -20,7 +20,7 @@ function take(message) {
   else if (message.type === "history") { runs = message.runs; told = true; show_history(); }
   else if (message.type === "standing") { standing = message; show_standing(); show_history(); if (bench.matrices) show_matrices(); }
   else if (message.type === "answer") answered(message);
-  remember();
+  if (resumed_by_link) resume_by_link(); else remember();
   if (going && bench.phase === "running" && state.running && !state.ended) { going = false; location.assign(with_token("/run")); return; }
   if (going && !busy() && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) {
     going = false;
@@ -125,6 +125,13 @@ function show_matrices() {
     choose.append(element("span", one.remark || (one.serial_number ? `specimen ${one.serial_number}` : ""))); item.append(choose); list.append(item);
     if (one.name === focused) choose.focus();
   }
+}
+let resumed_by_link = new URLSearchParams(location.search).get("resume"); // from the page of a run that has ended
+function resume_by_link() {
+  const run = runs.find((one) => one.name === resumed_by_link);
+  if (runs.length && !run) resumed_by_link = null;
+  if (!run || run.ended === "running" || !bench.bench || standing.role !== "operator" || busy()) return;
+  resumed_by_link = null; window.history.replaceState(null, "", with_token("/")); ask_questions(run.name);
 }
 let remembered = false;
 function remember() { // the matrix of before, after a run or a reload

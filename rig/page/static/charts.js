@@ -1,7 +1,7 @@
 // Charts, drawn by uPlot: axes, crosshair and the marked rectangle are its own. Loops are not functions of their
 // abscissa, so that curves, values at the pointer and zoom are drawn and found here, in SI units until they are shown.
 
-const OVERLAYS = 8, WHEEL_STEP = 1.25, CLOSEST_ZOOM = 1e-4, POINTER_PX = 40;
+const OVERLAYS = 8, WHEEL_STEP = 1.25, CLOSEST_ZOOM = 1e-4, POINTER_PX = 40, NEAR_PX = 8;
 const pointer_ms = []; // from an event of the pointer to its values on the screen
 
 let colours = new Map(); // read some hundred times per second; discarded when the theme changes
@@ -239,6 +239,10 @@ function draw_with_dots(pen, xs, ys, px, py) {
     pen.moveTo(x + radius, y); pen.arc(x, y, radius, 0, 7); pen.moveTo(x, y); on = true;
   }
 }
+function draw_crosses(pen, xs, ys, px, py) {
+  const half = 0.25 * rem() * (window.devicePixelRatio || 1);
+  for (let i = 0; i < xs.length; i++) for (const slope of [1, -1]) { const x = px(xs[i]), y = py(ys[i]); pen.moveTo(x - half, y - slope * half); pen.lineTo(x + half, y + slope * half); }
+}
 
 // Force over displacement or velocity: two lines of the running motion, then one for each recorded point that is shown.
 class LoopChart {
@@ -361,10 +365,13 @@ class StripChart {
   }
   reset() { this.lanes[0].plot.reset(); }
   values(plot, left) {
-    const { x } = plot.shown_range(), at = x[0] + (x[1] - x[0]) * left / plot.plot.over.clientWidth, parts = [`${(at - this.zero).toFixed(2)} s`];
+    const { x } = plot.shown_range(), per_px = (x[1] - x[0]) / plot.plot.over.clientWidth, at = x[0] + per_px * left, reach_s = NEAR_PX * per_px, parts = [`${(at - this.zero).toFixed(2)} s`];
     for (const lane of this.lanes) lane.plot.lines.forEach(([times, values], line) => {
+      if (!values.length) return;
       const after = place_of(times, at), place = after === times.length || (after > 0 && at - times[after - 1] < times[after] - at) ? after - 1 : after;
-      if (place >= 0 && values.length) parts.push(`${lane.called(lane.channels[line])} ${with_unit(lane.quantity, values[place])}`);
+      const usual_s = times.length > 1 ? (times[times.length - 1] - times[0]) / (times.length - 1) : 0; // between two samples
+      const near = Math.abs(times[place] - at) <= Math.max(reach_s, 1.5 * usual_s);
+      parts.push(`${lane.called(lane.channels[line])} ${near ? with_unit(lane.quantity, values[place]) : "–"}`);
     });
     const text = parts.join("; ");
     if (by_id("strip-values").textContent !== text) by_id("strip-values").textContent = text;
@@ -377,20 +384,24 @@ class TrendChart {
   constructor(box, id, quantity, name, lines) {
     Object.assign(this, { quantity, name, lines, range: new Range(), points: [] });
     this.plot = new Plot(box, {
-      id, x_only: true, sync: "trends", quantities: ["plain", quantity], zoomed: show_zoom, lines: lines.map((line) => ({ colour: line.colour, width: 1.4, path: draw_with_dots })),
+      id, x_only: true, sync: "trends", quantities: ["plain", quantity], zoomed: show_zoom, lines: [...lines.map((line) => ({ colour: line.colour, width: 1.4, path: draw_with_dots })), { colour: "--dim", width: 1.4, path: draw_crosses }],
       x: { label: "point of the matrix", values: (plot, splits) => splits.map((split) => Number.isInteger(split) ? String(split) : "") }, y: { label: name, size: 3.1 },
       values: (plot, left) => this.values(left), pressed: (plot) => { if (this.at && !(performance.now() - plot.dragged < 300)) choose(this.at); },
     });
     this.name_axes();
   }
   name_axes() { this.plot.options.y.label = with_unit_of(this.name, this.quantity); this.range = new Range(); this.plot.build(); }
-  draw(points) { // [{ id, described, values: [SI, ...] or null }]
+  draw(points) { // [{ id, described, values: [SI, ...] or null, unfit }]; unfit ones are crosses off the lines
     this.points = points;
     const lines = this.lines.map((line, index) => {
       const xs = [], ys = [];
-      points.forEach((one, place) => { if (one.values && isFinite(one.values[index])) { xs.push(place + 1); ys.push(one.values[index]); } });
+      points.forEach((one, place) => { if (one.values && !one.unfit && isFinite(one.values[index])) { xs.push(place + 1); ys.push(one.values[index]); } });
       return [xs, ys];
     });
+    const crosses = [[], []];
+    points.forEach((one, place) => { if (one.values && one.unfit) for (const value of one.values) if (isFinite(value)) { crosses[0].push(place + 1); crosses[1].push(value); } });
+    lines.push(crosses);
+    this.plot.box.closest("section").querySelector(".unfit").hidden = !crosses[0].length;
     const all = lines.flatMap(([, ys]) => ys), y = all.length ? shown_range(this.quantity, [all.reduce((a, b) => Math.min(a, b)), all.reduce((a, b) => Math.max(a, b))]) : [0, 0];
     this.plot.draw(lines, { x: [0.5, Math.max(1.5, points.length + 0.5)], y: this.range.follow(...y, Math.max(1 / QUANTITIES[this.quantity].scale, 0.02 * Math.max(...y.map(Math.abs)))) });
   }
@@ -399,7 +410,7 @@ class TrendChart {
     this.at = one && one.values ? one.id : null;
     if (!one) return null;
     const values = one.values ? this.lines.map((line, index) => `${line.name} ${with_unit(this.quantity, one.values[index])}`) : ["not measured"];
-    return { text: [`${one.id}: ${one.described}`, ...values].join("\n") };
+    return { text: [`${one.id}: ${one.described}${one.unfit ? " (invalid)" : ""}`, ...values].join("\n") };
   }
 }
 

@@ -112,7 +112,7 @@ function least_shown(moves) {
 function draw_trends() {
   const points = run ? run.points : [];
   for (const { chart, values } of trends) {
-    const found = points.map((one) => ({ id: one.id, described: describe(one), values: results[one.id] ? values(results[one.id]) : null }));
+    const found = points.map((one) => ({ id: one.id, described: describe(one), values: results[one.id] ? values(results[one.id]) : null, unfit: Boolean(results[one.id]) && results[one.id].verdict === "invalid" }));
     chart.plot.box.closest("section").hidden = !found.some((one) => one.values);
     chart.draw(found);
   }
@@ -127,7 +127,7 @@ function headings(old) {
 
 function take(message) {
   if (message.type === "run") described(message);
-  else if (message.type === "state") { if (state.ended && !message.ended) deselect_all(); state = message; progress(); confirmations(); buttons(); show_first(); }
+  else if (message.type === "state") { if (state.ended && !message.ended) deselect_all(); state = message; progress(); confirmations(); buttons(); show_first(); show_entered(); if (pause_wanted && (state.ended || (state.paused && state.phase === "paused"))) pause_over(); }
   else if (message.type === "results") { results = message.points; matrix(); draw_trends(); refresh_selected(); show_first(); }
   else if (message.type === "events") events(message);
   else if (message.type === "standing") { standing = message; show_standing(); }
@@ -137,7 +137,7 @@ function take(message) {
 function described(message) {
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
   if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
-  run = message; take_auxiliary(run.devices); lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
+  run = message; show_rig(); take_auxiliary(run.devices); lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
   GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }
 // Finished points that are shown over each other, each in its colour until it is deselected.
@@ -172,12 +172,25 @@ function show_first() { // at the end: the point that was stopped, else the firs
   if (place_of_point(first) < 0) { select(first); show_selection(); }
 }
 let shown_at_end = false;
+let entered = ""; // what the run's files hold; what somebody types here is not replaced
+function show_entered() {
+  const box = by_id("specimen");
+  if (typeof state.entered !== "string" || state.entered === entered || document.activeElement === box || box.value !== entered) return;
+  box.value = entered = state.entered;
+}
+let pause_wanted = ""; // the answer to Pause, shown until the pause has begun or is over
+function pause_over() { if (by_id("answer").textContent === pause_wanted) answer(""); pause_wanted = ""; }
 function answered(message) {
   if (message.do === "clock" && message.ok) { clock_answered(message); return; }
   if (message.do === "explain" && message.ok) { explain(message); return; }
   if (message.do === "recorded" && message.ok) return; // its frame follows
   if (message.do === "recorded" && place_of_point(message.point) >= 0) { selected[place_of_point(message.point)] = null; show_selection(); }
   if (message.do === "stop") stop_answered(message);
+  if (message.do === "start") pause_over();
+  if (message.do === "pause" && message.ok) {
+    pause_wanted = `Pause requested; the campaign pauses ${preparing() ? "before the first point, once the checks are complete" : "after the current point"}.`;
+    answer(pause_wanted); return;
+  }
   if (message.do === "words" && message.ok && message.note === by_id("note").value) by_id("note").value = ""; // refused, it stays to be sent again
   answer(message.refused ? (MESSAGES[message.refused] || message.refused) : message.do === "words" ? "Saved." : "");
 }
@@ -207,7 +220,7 @@ by_id("matrix").addEventListener("keydown", (event) => {
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") close_explanation();
   const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
-  if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S")) stop();
+  if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();
 });
 
 function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); }

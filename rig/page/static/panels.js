@@ -6,12 +6,18 @@ function describe(one) {
 }
 function question(asked) { return asked.current_A ? `set the supply to ${asked.current_A.toFixed(2)} A, then confirm` : "set the supply to 0 A, switch its output off, then confirm"; }
 
+function was_stopped(one) { return one.verdict === "invalid" && (one.reasons || []).some((reason) => reason.includes("the point was stopped before it was complete")); }
+function show_rig() { // whether it is simulated, and its name
+  const simulated = run && run.name ? Boolean(run.simulated) : Boolean(standing.simulate), name = standing.bench || (run ? run.bench : "") || "";
+  by_id("simulated").hidden = !simulated; by_id("bench-name").textContent = simulated && name === "simulated rig" ? "" : name;
+}
+
 function progress() {
-  const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run").length;
+  const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run" && !was_stopped(each)).length;
   by_id("point").textContent = one && !state.ended ? `${one.id}: ${describe(one)}` : state.ended ? "ended" : "–";
   // The cycle counter of the controller includes the ramps; the test is the part between them.
   const measured = one ? Math.max(0, Math.min(Math.round(one.measured_cycles ?? one.cycles), Math.round(state.cycles - (one.ramp_in_cycles ?? 0)))) : 0;
-  by_id("phase").textContent = state.ended ? "" : `${state.phase || ""}${one && state.cycles ? `, cycle ${measured} of ${Math.round(one.measured_cycles ?? one.cycles)}` : ""}`;
+  by_id("phase").textContent = state.ended ? (standing.bench && state.running ? "the results are being evaluated" : "") : `${state.phase || ""}${one && state.cycles ? `, cycle ${measured} of ${Math.round(one.measured_cycles ?? one.cycles)}` : ""}`;
   by_id("left").textContent = state.ended || !state.running ? "" : typeof state.time_left_s === "number" ? `${duration(state.time_left_s)} left` : "";
   const share = total ? 100 * Math.min(1, (done + (one && one.cycles && !results[one.id] ? Math.min(1, state.cycles / one.cycles) : 0)) / total) : 0;
   by_id("done").style.width = `${share}%`;
@@ -28,8 +34,8 @@ function matrix() {
     for (const one of points) { const row = element("li"); row.dataset.id = one.id; rows.set(one.id, row); by_id("matrix").append(row); }
   }
   for (const one of points) show_row(one.id, one);
-  const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length;
-  by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length} of ${points.length} done; specimen ${run.specimen}` : "";
+  const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length, stopped = judged.filter(([, one]) => was_stopped(one)).length;
+  by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length - stopped} of ${points.length} done${stopped ? `, ${stopped} stopped` : ""}; specimen ${run.specimen}` : "";
   const [last, found] = judged.pop() || [];
   if (last) {
     const one = points.find((each) => each.id === last);
@@ -124,7 +130,9 @@ function events(message) {
   const list = by_id("events");
   if (message.all) list.replaceChildren();
   for (const one of message.events) {
-    const item = element("li", undefined, one.level), mark = { error: "✗ ", warning: "! " }[one.level] || "";
+    if (one.instead_of) { const before = [...list.children].find((each) => each.dataset.text === one.instead_of); if (before) before.remove(); }
+    const item = element("li", undefined, one.level); item.dataset.text = one.text;
+    const mark = { error: "✗ ", warning: "! " }[one.level] || "";
     item.append(element("span", `${mark}${one.utc.slice(11, 19)} `));
     if (one.slug) item.append(push_button(one.slug, "explain this code", () => say({ do: "explain", slug: one.slug })));
     item.append(element("span", ` ${one.by ? `${one.by}: ` : ""}${one.text}`));
@@ -154,7 +162,7 @@ function close_explanation() {
 function show_standing() {
   const mine = standing.mine, viewer = standing.role === "viewer", here = document.activeElement, move = mine && (here === by_id("take") || here === by_id("name"));
   by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
-  by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("release").hidden = !mine;
+  by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("name").hidden = mine; by_id("release").hidden = !mine; show_rig();
   by_id("to-bench").hidden = !standing.bench; by_id("to-report").hidden = !standing.report || !state.ended;
   by_id("to-bench").href = `/?token=${encodeURIComponent(token)}`;
   if (standing.report) by_id("to-report").href = `/report/${encodeURIComponent(standing.report)}?token=${encodeURIComponent(standing.report_token)}`;

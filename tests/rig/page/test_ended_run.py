@@ -177,6 +177,47 @@ def test_a_page_of_a_run_that_is_resumed_twice_follows_it_each_time(tmp_path: Pa
         assert watched.state()["running"] is False
 
 
+def test_the_note_the_trip_and_the_result_of_a_stop_are_one_event_in_either_order(tmp_path: Path) -> None:
+    note, trip = {"event": "info", "text": "stopped by operator (Ctrl-C): 0 A"}, {"event": "station", "what": "trip"}
+    trip |= {"slug": "operator", "detail": "Ctrl-C"}
+    said = {"event": "operator", "what": "said", "by": "Ada", "note": "Ctrl-C"}
+    for first, second in ((note, trip), (trip, note)):
+        journal(tmp_path, first)
+        watched = WatchedRun(tmp_path)
+        (alone,) = watched.news()
+        with (tmp_path / "journal.jsonl").open("a") as file:
+            for event in (second, said, RESULT, first, second):
+                file.write(json.dumps(event) + "\n")
+        stop, words, again = watched.news()
+        assert (stop["slug"], stop["level"], stop["text"]) == ("operator", "error", note["text"])
+        assert stop["instead_of"] == alone["text"]
+        assert (words["by"], again["text"]) == ("Ada", note["text"])
+        assert [event["text"] for event in watched.events] == [note["text"], "Ctrl-C", note["text"]]
+
+
+def test_a_run_is_called_simulated_where_its_files_say_so_and_the_entered_specimen_is_told(tmp_path: Path) -> None:
+    from rig.campaign.live_link import LiveLink
+
+    run = tmp_path / "run"
+    run.mkdir()
+    assert WatchedRun(run).description()["simulated"] is False
+    replace_json(run / "operator.json", {"specimen": "fluid lot 7"})
+    link = LiveLink(place=tmp_path)
+    try:
+        watched = WatchedRun(run, link.folder)
+        assert watched.description()["simulated"] is False
+        link.belongs_to(tmp_path, ["tcp://rig"])
+        assert watched.description()["simulated"] is False
+        link.belongs_to(tmp_path, [])
+        assert watched.description()["simulated"] is True
+        link.display.phase("running")
+        assert watched.state()["entered"] == "fluid lot 7"
+    finally:
+        link.close()
+    replace_json(run / "campaign.json", {"simulated": {"seed": 0}})
+    assert WatchedRun(run).description()["simulated"] is True
+
+
 def test_a_ring_is_shown_only_while_its_campaign_lives(tmp_path: Path) -> None:
     journal(tmp_path, RESULT)
     replace_json(tmp_path / "station.json", {"ring_path": str(tmp_path / "gone.ring")})
