@@ -203,6 +203,16 @@ def stop_and_go_on(beside: Beside, page: Page) -> None:
     says(page, "OK")
 
 
+def read_where_nothing_was_measured(page: Page) -> None:
+    """Far from every sample the pointer shows no value; the bench has its name, and is not called simulated."""
+    near, far = page.evaluate("""() => { const { plot } = strips.lanes[0], width = plot.plot.over.clientWidth;
+      strips.draw(series, last_sample_s() + 15, 20, 0);
+      return [0.24, 0.9].map((share) => strips.values(plot, share * width).text); }""")
+    assert "force –; displacement –;" in far
+    assert "–" not in near
+    assert page.inner_text("#rig") == HOSTILE
+
+
 def lose_the_page(beside: Beside, page: Page) -> None:
     """A page process that stands still: nothing old is shown as live, and a Stop is not called sent."""
     os.kill(beside.page.pid, signal.SIGSTOP)
@@ -357,6 +367,7 @@ def test_the_page_is_read_by_everybody_worked_by_keys_and_never_passes_off_what_
         page.goto(beside.page.url)
         says(page, "OK")
         stop_and_go_on(beside, page)
+        read_where_nothing_was_measured(page)
         for result in beside.results_of(VERDICTS):
             beside.link.display.point_done(result)
         says(page, "NOT OK")
