@@ -122,14 +122,14 @@ class CampaignFolder:
         return self.truth.with_stem(f"{self.truth.stem}-session{session}")
 
 
-def run_path(given: Path | str) -> Path:
+def run_path(given: Path | str, *, with_empty: bool = False) -> Path:
     """The path of a run, or of a file in a run, that a user specified.
 
     A path that exists is returned unchanged. Otherwise its last component is a short name of a run in its folder
     (without a folder: in `LOGS`): `last` or `-1` for the newest run, `last-2` or `-2` for the one before, or a part of
     the name, in upper or lower case. Runs without recorded points, as of a campaign that was refused, are ignored
-    unless no other run matches. `last/fit.json` is a file in a run. A path in a folder without runs is returned
-    unchanged.
+    unless no other run matches or `with_empty` is true. `last/fit.json` is a file in a run. A path in a folder without
+    runs is returned unchanged.
 
     Raises:
         FileProblem: no run or several runs match; the message lists the similar or matching names.
@@ -143,7 +143,7 @@ def run_path(given: Path | str) -> Path:
         if CampaignFolder(folder).points.is_dir():
             return folder / path.name
     names = by_age(folder)
-    recorded = [name for name in names if not is_empty(folder / name)]
+    recorded = [name for name in names if with_empty or not is_empty(folder / name)]
     if count := LAST.fullmatch(path.name):
         return folder / _counted(int(count[1] or count[2] or 1), path.name, recorded or names, folder)
     if not names:

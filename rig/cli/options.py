@@ -55,15 +55,16 @@ class RunPath(click.ParamType[str | Path]):
     """A run: its directory, or a short name of one in `logs/`: `last`, `-1` (the same), `-2`, part of its name."""
 
     name = "run"
+    with_empty = False
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> str | Path:
         """The path of the run; the run that a short name means is shown. No run or several runs are a usage error."""
         try:
-            path = run_path(value)
+            path = run_path(value, with_empty=self.with_empty)
         except FileProblem as problem:
             self.fail(str(problem), param, ctx)
         if path != Path(value) and not (ctx is not None and ctx.resilient_parsing):
-            skipped = ignored(path) if LAST.fullmatch(Path(value).name) else 0
+            skipped = ignored(path) if LAST.fullmatch(Path(value).name) and not self.with_empty else 0
             newer = f" (newer runs without recorded points, ignored: {skipped})" if skipped else ""
             say(f"run: {path}{newer}", err=True)
         return path
@@ -77,6 +78,12 @@ class RunPath(click.ParamType[str | Path]):
             containing = [name for name in names if begun in name.casefold()]
             offered = containing if len(containing) == 1 else []
         return [CompletionItem(name) for name in offered] or [CompletionItem(incomplete, type="file")]
+
+
+class ResumedRun(RunPath):
+    """A run to resume, which moves the rig: one that was stopped before its first point is not ignored."""
+
+    with_empty = True
 
 
 class RunOrFilter(RunPath):

@@ -13,7 +13,7 @@ import click
 from rig.campaign_folder import CampaignFolder
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.junit import junit_option, junit_report, take_campaign
-from rig.cli.options import Command, RunPath, json_option, out_option
+from rig.cli.options import Command, ResumedRun, json_option, out_option
 from rig.cli.output import console, show, shown_path, write_json
 from rig.cli.page import live_link, page_options, page_settings
 from rig.errors import FileProblem
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
               help="Apply the timing limits of real hardware: the simulated rig does not wait while the computer is "
                    "busy.")
 @click.option(
-    "--resume", type=RunPath(), metavar="RUN",
+    "--resume", type=ResumedRun(), metavar="RUN",
     help="Resume campaign RUN; valid points are kept.",
 )
 @click.option(

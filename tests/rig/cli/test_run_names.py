@@ -10,7 +10,7 @@ from click.shell_completion import BashComplete
 
 from rig.campaign_folder import run_path
 from rig.cli.main import COMMANDS, cli
-from rig.cli.options import Command, FitName, RunOrFilter, RunPath
+from rig.cli.options import Command, FitName, ResumedRun, RunOrFilter, RunPath
 from rig.errors import FileProblem
 from rig.recording.run import Run
 
@@ -80,6 +80,7 @@ def test_runs_without_points_are_ignored_where_another_run_matches(
     assert taken("mr-00") == taken("last") == taken("-1") == [f"logs/{NAMES[0]}"]
     assert "ignored: 2" in capsys.readouterr().err
     assert taken("mr-002") == [f"logs/{NAMES[1]}"]
+    assert ResumedRun().convert("last", None, None) == Path("logs", sorted(NAMES)[-1])
 
 
 def test_what_exists_goes_before_short_names(logs: Path) -> None:
