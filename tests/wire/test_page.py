@@ -134,7 +134,7 @@ def questions(page: Page) -> None:
     page.click("#to-bench")
     page.click("#resume-last")
     page.wait_for_selector("#confirm input", timeout=WAIT_MS)
-    assert "requested on the page by Ada" in page.evaluate("document.getElementById('confirm').textContent")
+    assert "requested on the page by operator" in page.evaluate("document.getElementById('confirm').textContent")
     page.fill("#name", "Ada")
     page.press("#name", "Enter")
     page.wait_for_function("document.getElementById('standing').textContent.startsWith('You have control')")

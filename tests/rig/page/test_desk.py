@@ -389,6 +389,19 @@ def test_the_history_states_how_runs_ended_and_gives_out_reports_of_their_own_fo
     assert History(tmp_path / "nowhere", simulated=False).look() == []
 
 
+def test_a_resumed_run_that_moves_has_neither_the_old_stop_nor_the_old_report(
+    desk: AnsweringDesk, running: Path
+) -> None:
+    run = desk.bench.out / run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    (run / "report.html").write_text("old")
+    with (run / "journal.jsonl").open("a") as journal:
+        journal.write('{"event": "resumed"}\n')
+    keys = ("ended", "text", "report", "resumable", "resumed")
+    assert [desk.history.look()[0][key] for key in keys] == ["stopped", "Stop.", True, True, 1]
+    (run / "live.json").write_text(json.dumps({"folder": str(running)}))
+    assert [desk.history.look()[0][key] for key in keys] == ["running", "", False, False, 1]
+
+
 def test_values_of_a_hostile_description_are_text_or_nothing(desk: AnsweringDesk) -> None:
     name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
     odd = {"points": 3, "specimen": ["x"] * 100, "started_utc": {"a": 1}, "simulated": "yes", "bench": "\x1b[31m"}
