@@ -36,7 +36,7 @@ MT_SICS = {
 """Mettler Toledo MT-SICS: `S S      100.00 g`, and `S +` at overload, without a number."""
 NUMBER = r"[+-]?\d*\.?\d*"
 LINES: Mapping[str, Mapping[str, Any]] = {
-    **{name: {"base": name} for name, table in TABLES.items() if "fields" not in table and "packed" not in table},
+    **{name: {"base": name} for name in TABLES if isinstance(preset(name), LineFormat)},
     "mt-sics": MT_SICS,
     "value-only": {"pattern": r"(?P<value>\d+\.\d)?(?: N)?"},
     "no-number": {"pattern": rf"(?P<status>[A-Z]{{2}})?,(?P<value>{NUMBER})?,?(?P<unit>N)?",

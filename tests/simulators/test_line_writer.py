@@ -61,17 +61,17 @@ def test_a_sensor_of_any_format_is_heard(table: dict[str, object]) -> None:
         jitter_s=0.0,
     )  # fmt: skip
     sensor = Sensor(options, DeviceClock(0.0, 0.0), np.random.default_rng(1), 0.0)
-    data = b""
+    data, level = b"", min(42.0, options.range)
     for step in range(60):
         if sensor.requests is not None:
             sensor.requests.append(math.nan)
-        data += sensor.sample(np.full(80, 42.0), 0.01 * step, 1.25e-4, [])
+        data += sensor.sample(np.full(80, level), 0.01 * step, 1.25e-4, [])
     readings, damaged = heard(layout, data)
     assert len(readings) > 50
     assert damaged == 0
     # A stream of an even count of numbers has its middle between two of them.
     within = 0.51 if zero else 1e-4
-    assert [value - zero for _, _, value, _, _ in readings] == pytest.approx([42.0] * len(readings), abs=within)
+    assert [value - zero for _, _, value, _, _ in readings] == pytest.approx([level] * len(readings), abs=within)
 
 
 @pytest.mark.parametrize("table", DESCRIBED)
