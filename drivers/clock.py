@@ -30,6 +30,7 @@ from enum import Enum, IntEnum, auto
 from pathlib import Path
 
 from drivers.posix import fcntl
+from drivers.processes import stat_fields
 
 MAGIC = b"RIGCLOCK"
 SIZE = 1 << 16
@@ -164,12 +165,11 @@ class ProcessState(Enum):
 
 def process_state(process: int) -> ProcessState:
     """What a process does; where the system does not show it, one that lives counts as running."""
-    try:
-        text = Path(f"/proc/{process}/stat").read_bytes()
-    except OSError:
+    fields = stat_fields(process)
+    if fields is None:
         lives = not Path("/proc/self/stat").exists() and _lives(process)
         return ProcessState.RUNNING if lives else ProcessState.DEAD
-    shown = text.rpartition(b")")[2].split()[0]
+    shown = fields[0]
     if shown in b"ZXx":
         return ProcessState.DEAD
     return ProcessState.STOPPED if shown in b"Tt" else ProcessState.RUNNING

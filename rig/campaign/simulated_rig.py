@@ -6,7 +6,6 @@ import os
 import select
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.posix import fcntl
+from drivers.processes import own_program, stat_fields
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.words import say
@@ -124,7 +124,7 @@ class SimulatedRig:
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
         with open_to_append(log_path) as log:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "simulators", *arguments, *options.simulator_args],
+                own_program("simulators", *arguments, *options.simulator_args),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -270,11 +270,8 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Cal
 
 def _processor_ticks(pid: int) -> int:
     """Processor time that a process has used, in clock ticks; 0 where the system does not tell."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return int(fields[11]) + int(fields[12])  # utime, stime: fields 14 and 15 of proc(5)
-    except (OSError, ValueError, IndexError):
-        return 0
+    fields = stat_fields(pid)
+    return 0 if fields is None else int(fields[11]) + int(fields[12])  # utime, stime: fields 14 and 15 of proc(5)
 
 
 @dataclass

@@ -6,7 +6,6 @@ import contextlib
 import json
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from drivers.processes import own_program
 from rig.campaign.campaign import run_campaign
 from rig.cli.output import status_line
 from rig.cli.words import error_words
@@ -81,7 +81,7 @@ class Analyst:
     def __init__(self) -> None:
         self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - lives as long as the process that writes it
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "rig.cli.analyst"],
+            own_program("rig.cli.analyst"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,

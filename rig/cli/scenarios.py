@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import click
 
+from drivers.processes import own_program
 from rig.cli.options import Command
 
 
@@ -20,4 +21,4 @@ from rig.cli.options import Command
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:
     """Run a matrix in simulated scenarios with random faults (`python -m simulators.scenarios` with ARGUMENTS)."""
-    os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators.scenarios", *arguments])
+    os.execv(sys.executable, own_program("simulators.scenarios", *arguments))

@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import click
 
+from drivers.processes import own_program
 from rig.cli.options import Command
 
 
@@ -24,4 +25,4 @@ def command(arguments: tuple[str, ...]) -> NoReturn:
     The first line of output is the path to the simulated rig's bench file, for use with `rig run --bench`. Press Ctrl-C
     to stop the rig.
     """
-    os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators", *arguments])
+    os.execv(sys.executable, own_program("simulators", *arguments))

@@ -15,13 +15,13 @@ import asyncio
 import contextlib
 import json
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from drivers.processes import own_program
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.page.commands import WORDS, one_line
@@ -460,7 +460,7 @@ class Desk:
         """
         try:
             process = await asyncio.create_subprocess_exec(
-                sys.executable, "-P", "-m", "rig.cli.page_answers", stdin=asyncio.subprocess.PIPE,
+                *own_program("rig.cli.page_answers"), stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL, start_new_session=True,
             )
         except OSError as error:

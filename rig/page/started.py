@@ -9,10 +9,10 @@ import contextlib
 import json
 import select
 import subprocess
-import sys
 from dataclasses import replace
 from typing import Self
 
+from drivers.processes import own_program
 from rig.page.settings import PageProblem, PageSettings
 
 START_S = 30.0
@@ -39,7 +39,7 @@ class PageProcess:
         """
         settings_json = json.dumps(replace(settings, tied=True).to_json())
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "rig.page", settings_json], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            own_program("rig.page", settings_json), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         answer = cls._answer(process)

@@ -12,12 +12,12 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from drivers.processes import own_program, stat_fields
 from rig.errors import FileProblem
 from rig.station.live_folder import read_json, replace_json
 from rig.text_file import read_bytes
@@ -64,7 +64,7 @@ class StartedRun:
         with contextlib.ExitStack() as files:
             output, messages = (files.enter_context(_new_file(folder / name)) for name in (OUTPUT, MESSAGES))
             run._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "rig.cli.main", "run", *arguments], stdin=subprocess.DEVNULL,
+                own_program("rig.cli.main", "run", *arguments), stdin=subprocess.DEVNULL,
                 stdout=output, stderr=messages, start_new_session=True,
             )
         run.pid, run.ticks = run._process.pid, _began(run._process.pid)
@@ -146,8 +146,5 @@ def _new_file(path: Path) -> Any:  # noqa: ANN401 - a binary file
 
 def _began(pid: int) -> int:
     """When a process began, in clock ticks since the computer's start; 0 where there is none, or it has ended."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
-        return 0 if fields[0] in {"Z", "X"} else int(fields[19])  # state and starttime: fields 3 and 22 of proc(5)
-    except (OSError, ValueError, IndexError):
-        return 0
+    fields = stat_fields(pid)
+    return 0 if fields is None or fields[0] in b"ZXx" else int(fields[19])  # starttime: field 22 of proc(5)

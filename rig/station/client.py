@@ -13,12 +13,12 @@ import os
 import queue
 import select
 import subprocess
-import sys
 import threading
 from collections import deque
 from pathlib import Path
 from typing import Any
 
+from drivers.processes import own_program
 from rig.bench.settings import StationConfig
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns
@@ -81,7 +81,7 @@ class StationClient:
         log_path = CampaignFolder(folder).station_log
         with open_to_append(log_path) as log:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "rig.station", str(config_path)],
+                own_program("rig.station", str(config_path)),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,

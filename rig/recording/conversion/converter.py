@@ -25,6 +25,7 @@ from types import TracebackType
 from typing import Any, Self, TextIO
 
 from drivers.posix import resource
+from drivers.processes import own_program
 from rig.clock import monotonic_ns
 from rig.recording.point_files import FinishedPoint, journal_name
 
@@ -67,7 +68,7 @@ class Converter:
         self.close()
         self._unread = b""
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
+            own_program(__name__), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
         )
 
     def finish(self, journal: Path, *, recovered: bool = False) -> FinishedPoint:

@@ -24,6 +24,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
+from drivers.processes import own_program
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns
 from rig.recording.atomic_write import open_to_append
@@ -56,7 +57,7 @@ class Finaliser:
         """
         with open_to_append(CampaignFolder(folder).finaliser_log) as log:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                own_program(__name__), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 stderr=log, text=True, start_new_session=True,
             )
         return cls(process, cast("IO[str]", process.stdin), cast("IO[str]", process.stdout))

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.processes import own_program
 from rig.errors import FileProblem
 from rig.recording.file_formats import table_file
 from rig.recording.file_formats.csv_file import CsvFile
@@ -199,8 +199,8 @@ def _sheets(file: Path, data: bytes, kind: str) -> Iterator[Sheet]:
         FileProblem: the child process reports a problem, or has been ended by its limits.
     """
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "rig.recording.file_formats.workbook_rows",
-         str(table_file.MOST_NUMBERS // CELL_NUMBERS), str(MOST_COLUMNS)],
+        own_program("rig.recording.file_formats.workbook_rows", str(table_file.MOST_NUMBERS // CELL_NUMBERS),
+                    str(MOST_COLUMNS)),
         input=data, capture_output=True, check=False,
     )  # fmt: skip
     lines = done.stdout.decode("utf-8", "replace").split("\n")
