@@ -17,6 +17,7 @@ from rig.campaign.results import NOT_RUN, CampaignResult, PointResult
 from rig.campaign.sequencer.state import Phase
 from rig.clock import monotonic_ns, utc_now
 from rig.matrix.plan import Plan
+from rig.recording.quality.stopped_point import was_stopped
 from rig.station.live_folder import PLAN, RESULTS, STATE, replace_json
 
 KEPT_MESSAGES = 40
@@ -123,6 +124,7 @@ def _shown(result: PointResult) -> dict[str, Any]:
     ends_degC = [result.quality.get(f"coil_temperature_{end}_degC", math.nan) for end in ("low", "high")]
     return {
         "verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs),
+        "stopped": was_stopped(result.verdict, result.reasons),
         "file": None if result.file is None else result.file.name,
         "coil_degC": ends_degC if all(map(math.isfinite, ends_degC)) else None,
         "peak_force_rebound_N": None if peak is None else peak.rebound_N,

@@ -11,7 +11,6 @@ import io
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,12 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from drivers.processes import own_program
 from drivers.ring import Channel
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
+from rig.recording.quality.stopped_point import was_stopped
 from rig.station.live_folder import read_json
 from rig.text_file import JSON_LIMIT_BYTES, open_regular
 
@@ -82,6 +83,7 @@ class EndedRun:
         return {
             str(point.get("id")): {
                 "verdict": str(point.get("verdict", "")), "reasons": _texts(point.get("reasons")),
+                "stopped": was_stopped(str(point.get("verdict", "")), _texts(point.get("reasons"))),
                 "file": self.file(point) is not None, "coil_degC": _coil_degC(point),
                 **{name: _number(point.get(name)) for name in PEAK_FORCES},
             }
@@ -118,7 +120,7 @@ def _imported(run: CampaignFolder) -> dict[str, Any]:
 def _read_apart(module: str, path: Path) -> bytes | None:
     """What a separate process reads of a file or folder from outside; None if it fails."""
     silent = subprocess.DEVNULL
-    command = [sys.executable, "-P", "-m", module, str(path)]
+    command = own_program(module, str(path))
     done = subprocess.run(
         command, stdin=silent, stdout=subprocess.PIPE, stderr=silent, timeout=READ_S, check=False
     )

@@ -6,14 +6,13 @@ function describe(one) {
 }
 function question(asked) { return asked.current_A ? `set the supply to ${asked.current_A.toFixed(2)} A, then confirm` : "set the supply to 0 A, switch its output off, then confirm"; }
 
-function was_stopped(one) { return one.verdict === "invalid" && (one.reasons || []).some((reason) => reason.includes("the point was stopped before it was complete")); }
 function show_rig() { // whether it is simulated, and its name
   const simulated = run && run.name ? Boolean(run.simulated) : Boolean(standing.simulate), name = standing.bench || (run ? run.bench : "") || "";
   by_id("simulated").hidden = !simulated; by_id("bench-name").textContent = simulated && name === "simulated rig" ? "" : name;
 }
 
 function progress() {
-  const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run" && !was_stopped(each)).length;
+  const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run" && !each.stopped).length;
   by_id("point").textContent = one && !state.ended ? `${one.id}: ${describe(one)}` : state.ended ? "ended" : "–";
   // The cycle counter of the controller includes the ramps; the test is the part between them.
   const measured = one ? Math.max(0, Math.min(Math.round(one.measured_cycles ?? one.cycles), Math.round(state.cycles - (one.ramp_in_cycles ?? 0)))) : 0;
@@ -34,7 +33,7 @@ function matrix() {
     for (const one of points) { const row = element("li"); row.dataset.id = one.id; rows.set(one.id, row); by_id("matrix").append(row); }
   }
   for (const one of points) show_row(one.id, one);
-  const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length, stopped = judged.filter(([, one]) => was_stopped(one)).length;
+  const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length, stopped = judged.filter(([, one]) => one.stopped).length;
   by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length - stopped} of ${points.length} done${stopped ? `, ${stopped} stopped` : ""}; specimen ${run.specimen}` : "";
   const [last, found] = judged.pop() || [];
   if (last) {

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from rig.recording.quality.stopped_point import STOPPED_POINT
 from rig.recording.quality.verdict import Kind, Reason, Verdict, invalid, suspect
 from rig.test_point import AMPLITUDE_INVALID, AMPLITUDE_SUSPECT, LARGEST_SKEW_PERIODS
 
@@ -132,7 +133,7 @@ def with_skew(verdict: Verdict, skew_std_s: float, frequency_Hz: float) -> Verdi
 def _ending(evidence: PointEvidence) -> list[Reason]:
     reasons = []
     if evidence.stopped_by is not None:
-        reasons.append(invalid(evidence.stopped_by, "the point was stopped before it was complete"))
+        reasons.append(invalid(evidence.stopped_by, STOPPED_POINT))
     elif evidence.tripped:
         reasons.append(invalid("trip", "an interlock tripped during the point"))
     if evidence.interrupted:

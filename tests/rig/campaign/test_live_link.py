@@ -19,6 +19,8 @@ from rig.campaign.results import PointResult
 from rig.campaign.sequencer import event as ev
 from rig.errors import Stopped
 from rig.recording.journal.campaign_log import CampaignLog, read_log
+from rig.recording.quality.stopped_point import STOPPED_POINT
+from rig.recording.quality.verdict import invalid
 from rig.station.live_folder import STATION_SOCKET, bound, held, make_live_folder, read_json, received, send_message
 from rig.test_point import TestPoint
 
@@ -136,7 +138,7 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     assert (state["phase"], state["point"], state["cycles"], state["time_left_s"]) == ("running", "p001", 3, 12.5)
     assert state["messages"][0]["text"] == "<b>"
     assert read_json(link.folder / "results.json")["p001"] == {
-        "verdict": "valid", "reasons": [], "slugs": [], "file": "p001.h5", "coil_degC": [23.5, 24.0],
+        "verdict": "valid", "reasons": [], "slugs": [], "stopped": False, "file": "p001.h5", "coil_degC": [23.5, 24.0],
         "peak_force_rebound_N": 800.0, "peak_force_compression_N": -900.0,
     }  # fmt: skip
     doubted = replace(result, verdict="suspect", reasons=("zero-return: 12 N",))
@@ -147,6 +149,11 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     assert read_json(link.folder / "state.json")["ended"]["lines"] == ["done"]
     verdicts = {name: point["verdict"] for name, point in read_json(link.folder / "results.json").items()}
     assert verdicts == {"p001": "suspect"}, "a verdict that the end of the session changed does not stay as it was"
+    stopped = replace(result, point=TestPoint("p003", "sine", 0.03, 2.0, 1.0), verdict="invalid", reasons=(
+        str(invalid("ecu-silent", STOPPED_POINT)),
+    ))  # fmt: skip
+    link.display.point_done(stopped)
+    assert read_json(link.folder / "results.json")["p003"]["stopped"]
 
 
 def test_a_current_set_by_hand_is_confirmed_on_the_page_for_this_question_alone(link: LiveLink) -> None:
