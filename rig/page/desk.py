@@ -148,6 +148,8 @@ class Desk:
         self._now_ns = now_ns
         self._place = place
         self._looked_ns = -LOOK_EVERY_NS
+        self._listed: tuple[list[dict[str, Any]], str] = [], ""
+        self._listed_ns = -LOOK_EVERY_NS
         self._plans: dict[str, dict[str, Any]] = {}
         self._asking = asyncio.Lock()
         self._waiting = 0
@@ -264,7 +266,10 @@ class Desk:
     def status(self) -> dict[str, Any]:
         """What a bench's page shows above its lists."""
         run, started = self.watched.run, self.started
-        listed, note = self.matrices.listed()
+        now_ns = self._now_ns()
+        if now_ns - self._listed_ns >= LOOK_EVERY_NS:
+            self._listed, self._listed_ns = self.matrices.listed(), now_ns
+        listed, note = self._listed
         phase = self.phase
         live = phase in {Phase.RUNNING, Phase.EVALUATING} and self.live_folder is not None
         begun = None if started is None else {"by": started.by, "title": started.title, "utc": started.utc}
