@@ -29,7 +29,6 @@ LIVE = {
     "force_N": ("force", "force", 1.0, 7),
     "coil_temperature_degC": ("coil", "temperature", 0.1, 6),
 }
-SIGNS = {"degC": "°C", "degF": "°F"}
 PHRASE, PEAKS = 24, 26
 """Columns of a point's line."""
 MARKS = {"valid": "✓", "suspect": "?", "invalid": "✗"}
@@ -173,7 +172,7 @@ class LiveDisplay(PlainDisplay):
         for name, (label, quantity, resolution, width) in LIVE.items():
             if name in live:
                 shown: Shown = getattr(self.shown, quantity)
-                yield f"{label} {shown.fixed(live[name], resolution):>{width}} {SIGNS.get(shown.unit, shown.unit)}"
+                yield f"{label} {shown.fixed(live[name], resolution):>{width}} {shown.symbol}"
             if name == "force_N" and "current_A" in live:
                 yield f"current {live['current_A']:6.2f} A"
 
