@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
-from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.characteristics.loop import LoopCharacteristics, over_repeats
+from rig.fits.plain import plain
 from rig.signals.rounding import MOST_PLACES, places_of
 from rig.signals.waveform import TRIANGLE
 
@@ -44,8 +45,8 @@ class ForceCell:
     @classmethod
     def of(cls, loops: Sequence[LoopCharacteristics]) -> Self:
         """The cell of these loops: one, or the repeats of one point."""
-        rebound_N, rebound_std_N = _over_repeats([loop.rebound_N for loop in loops])
-        compression_N, compression_std_N = _over_repeats([loop.jounce_N for loop in loops])
+        rebound_N, rebound_std_N = over_repeats(loop.rebound_N for loop in loops)
+        compression_N, compression_std_N = over_repeats(loop.jounce_N for loop in loops)
         peaks = [loop.peak_force_N for loop in loops]
         return cls(
             tuple(loop.id for loop in loops), rebound_N, compression_N, rebound_std_N, compression_std_N,
@@ -111,16 +112,8 @@ class ForceTable:
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; null for a number that is unknown."""
-        return {
-            "kind": self.kind, "waveform": self.waveform, "currents_A": list(self.currents_A),
-            "rows": [
-                {
-                    "speed_m_s": row.speed_m_s, "amplitude_m": row.amplitude_m, "frequency_Hz": row.frequency_Hz,
-                    "cells": [None if cell is None else _without_nan(asdict(cell)) for cell in row.cells],
-                }
-                for row in self.rows
-            ],
-        }  # fmt: skip
+        entry: dict[str, Any] = plain(self)
+        return entry
 
     @classmethod
     def from_json(cls, entry: Mapping[str, Any]) -> Self:
@@ -159,23 +152,9 @@ def _table(waveform: str, loops: Sequence[LoopCharacteristics]) -> ForceTable:
     return ForceTable(kind, waveform, currents_A, tuple(sorted(rows, key=lambda row: row.speed_m_s)))
 
 
-def _over_repeats(values: Sequence[Measured]) -> tuple[float, float]:
-    """Mean over repeats (N) and its standard uncertainty: of the cycles' scatter or that of the repeats, if larger."""
-    known = [value for value in values if math.isfinite(value.value)]
-    if not known:
-        return math.nan, math.nan
-    within = math.sqrt(math.fsum(value.std**2 for value in known)) / len(known)
-    between = float(np.std([value.value for value in known], ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else 0.0
-    return _mean([value.value for value in known]), max(within, between)
-
-
 def _mean(values: Sequence[float]) -> float:
     known = [value for value in values if math.isfinite(value)]
     return math.fsum(known) / len(known) if known else math.nan
-
-
-def _without_nan(entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
 
 
 def _with_nan(entry: Mapping[str, Any]) -> dict[str, Any]:

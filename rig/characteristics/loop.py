@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -201,6 +201,20 @@ def over_cycles(values: list[float]) -> Measured:
         return Measured(math.nan, math.nan, math.nan)
     scatter = float(np.std(known, ddof=1)) if len(known) > 1 else math.nan
     return Measured(float(np.mean(known)), scatter / math.sqrt(len(known)), scatter)
+
+
+def over_repeats(values: Iterable[Measured]) -> tuple[float, float]:
+    """Mean over repeats and its standard uncertainty: the larger of what each states and what they differ by.
+
+    Both are NaN where nothing is known; the uncertainty also where neither of the two is.
+    """
+    known = [value for value in values if math.isfinite(value.value)]
+    if not known:
+        return math.nan, math.nan
+    means = np.array([value.value for value in known])
+    stated = math.sqrt(sum(value.std**2 for value in known)) / len(known)
+    between = float(np.std(means, ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else 0.0
+    return float(np.mean(means)), max(stated, between) if math.isfinite(stated) else between or math.nan
 
 
 def _cycles(measured: Measurement, count: int) -> Iterator[tuple[int, int]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig.characteristics import Characteristics, characterise
-from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.characteristics.loop import LoopCharacteristics, Measured, over_repeats
 from rig.display import SI, Display, Shown
 from rig.fits.entries import Estimate
 from rig.fits.fit_record import fit_in
@@ -335,13 +335,7 @@ def _loop(
 
 def averaged(measured: Iterable[Measured]) -> Reading:
     """The mean of repeats; its uncertainty is the larger of what each states and what they differ by."""
-    known = [value for value in measured if math.isfinite(value.value)]
-    if not known:
-        return Reading(math.nan, math.nan)
-    values = np.array([value.value for value in known])
-    stated = math.sqrt(sum(value.std**2 for value in known)) / len(known)
-    between = float(np.std(values, ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else 0.0
-    return Reading(float(np.mean(values)), max(stated, between) if math.isfinite(stated) else between or math.nan)
+    return Reading(*over_repeats(measured))
 
 
 def _singles(characteristics: Characteristics, points: Mapping[str, RecordedPoint]) -> dict[str, Reading]:
