@@ -214,8 +214,8 @@ class _OnePage(Flowable):  # type: ignore[misc]  # the same
         """The size of the page."""
         for self._scale in SHEET_SCALES:
             width, height = WIDTH / self._scale, SHEET_HEIGHT / self._scale
-            flow = [one for one in _flow(self._blocks, width) if not isinstance(one, CondPageBreak)]
             last = self._scale == SHEET_SCALES[-1]
+            flow = _unbroken(self._blocks, width)
             self._content = KeepInFrame(width, height, flow, mode="shrink" if last else "overflow")
             self._content.wrapOn(self.canv, width, height)
             if self._content.height < height - FUZZ:  # one that overflows states the height that it may have

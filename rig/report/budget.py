@@ -167,15 +167,11 @@ def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
 
 def _shown(channel: Channel, display: Display) -> Channel:
     """A channel in the units of the display."""
-    if channel.unit == "degC":
-        of = display.temperature
-        shares = tuple(replace(share, value=share.value / of.scale) for share in channel.shares)
-        return replace(channel, unit=of.unit, peak=of.value(channel.peak), shares=shares)
-    known = {"N": (display.force, 1.0), "mm": (display.displacement, 1e-3)}
+    known = {"N": (display.force, 1.0), "mm": (display.displacement, 1e-3), "degC": (display.temperature, 1.0)}
     if channel.unit not in known:
         return channel
     shown, si = known[channel.unit]
-    shares = tuple(replace(share, value=shown.value(si * share.value)) for share in channel.shares)
+    shares = tuple(replace(share, value=si * share.value / shown.scale) for share in channel.shares)
     return replace(channel, unit=shown.unit, peak=shown.value(si * channel.peak), shares=shares)
 
 

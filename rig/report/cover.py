@@ -24,8 +24,7 @@ from rig.matrix.report_table import ReportTable
 from rig.matrix.sections import Specimen
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_words
-from rig.report.views import AS_AMPLITUDE, MotionTerms
-from rig.signals.waveform import waveform_named
+from rig.report.views import AS_AMPLITUDE, MotionTerms, peak_speed_m_s
 from rig.text_file import read_bytes
 
 SEPARATOR = " \N{MIDDLE DOT} "
@@ -173,27 +172,26 @@ def _instrument(attributes: Mapping[str, object]) -> str:
 
 def _values(values: Iterable[float], unit: str) -> str:
     """A few values one by one, many as a range."""
-    known = sorted({float(number(value, 4).replace("\N{MINUS SIGN}", "-")) for value in values})
+    known = list(dict.fromkeys(map(number, sorted(values))))
     if not known:
         return ""
     if len(known) > MOST_VALUES:
-        return f"{number(known[0])} to {number(known[-1])} {unit} ({len(known)} values)"
-    return f"{', '.join(map(number, known))} {unit}"
+        return f"{known[0]} to {known[-1]} {unit} ({len(known)} values)"
+    return f"{', '.join(known)} {unit}"
 
 
 def _motions(points: Sequence[RecordedPoint], display: Display, terms: MotionTerms) -> str:
     lines = []
     for waveform in dict.fromkeys(point.waveform for point in points if point.has_frequency and not point.at_rest):
         own = [point for point in points if point.waveform == waveform and point.has_frequency]
-        shown = display.displacement
-        times, name = (2.0, "stroke") if terms.stroke else (1.0, "amplitude")
-        sizes = _values((times * shown.value(point.amplitude_m) for point in own), shown.unit)
-        rates = _values((point.frequency_Hz for point in own), "Hz")
+        shown, speed = display.displacement, display.speed
+        sizes = _values((shown.value(terms.length_m(point.amplitude_m)) for point in own), shown.unit)
         if terms.by_speed(waveform):
-            speed, per_m_Hz = display.speed, waveform_named(waveform).peak_velocity
-            speeds = (speed.value(per_m_Hz * point.amplitude_m * point.frequency_Hz) for point in own)
-            rates = f"peak velocity {_values(speeds, speed.unit)}"
-        lines.append(f"{waveform}, {name} {sizes}, {rates}")
+            speeds_m_s = (peak_speed_m_s(waveform, point.amplitude_m, point.frequency_Hz) for point in own)
+            rates = f"peak velocity {_values(map(speed.value, speeds_m_s), speed.unit)}"
+        else:
+            rates = _values((point.frequency_Hz for point in own), "Hz")
+        lines.append(f"{waveform}, {terms.length_name} {sizes}, {rates}")
     lines += sorted({point.motion for point in points if not point.has_frequency})
     return "\n".join(lines)
 

@@ -153,8 +153,7 @@ def report_of(of: Material) -> Document:
 
 def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     """The first two printed pages: verdict, peak forces and loops; more loops, specimen and conditions, signatures."""
-    run, details = of.run, of.details
-    load_cell = of.sensors.get("force")
+    run, details, gas_force = of.run, of.details, _gas_force(of)
     heading: Blocks = [Heading("Force loops"), *measured.keys] if measured.first else []
     on_first = min(2, len(measured.first))
     first, second = (
@@ -170,12 +169,12 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),
-            *peak_forces(of.characteristics.force_tables, of.display, of.terms, _gas_force(of)), *heading, *first,
+            *peak_forces(of.characteristics.force_tables, of.display, of.terms, gas_force), *heading, *first,
         )),
         Sheet((
             *_again(measured.keys if measured.first[on_first:] else ()), *second, *more,
-            *conditions(run, details, of.display, load_cell, loops=of.characteristics.loops, terms=of.terms,
-                        gas_force=_gas_force(of)),
+            *conditions(run, details, of.display, of.sensors.get("force"), loops=of.characteristics.loops,
+                        terms=of.terms, gas_force=gas_force),
         )),
     )  # fmt: skip
 
@@ -337,10 +336,15 @@ def _errors(fit: FitRecord, display: Display) -> list[Fact]:
     return facts
 
 
+def _losses(run: Run) -> tuple[int, set[str]]:
+    """Samples lost, and how they were counted at the points that were recorded here (empty: not counted)."""
+    lost = sum(point.lost_samples for point in run.points)
+    return lost, {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
+
+
 def _lost(run: Run) -> list[Fact]:
     """Lost samples; none is no news where a loss would have been counted."""
-    lost = sum(point.lost_samples for point in run.points)
-    by = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
+    lost, by = _losses(run)
     if not by:  # imported tests
         return [Fact(str(lost), "rows missing", FAIR)] if lost else []
     if lost:
@@ -410,8 +414,7 @@ def provenance(run: Run, fit: FitRecord | None, details: CoverDetails) -> Blocks
     shown |= {f"specimen, {key.replace('_', ' ')}": value for key, value in details.specimen.items()}
     methods = sorted({point.quality.skew.method for point in run.points if point.quality.skew.method is not None})
     shown["time alignment"] = "; ".join(map(time_base_words, methods))
-    lost = sum(point.lost_samples for point in run.points)
-    counted = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
+    lost, counted = _losses(run)
     if counted and counted <= {"sequence", "rate"}:
         single = "" if counted == {"sequence"} else ", estimated from the nominal rate; single losses may go undetected"
         shown["samples lost"] = f"{lost}{single}"

@@ -12,7 +12,6 @@ from rig.document.numbers import NOTHING, number
 from rig.document.style import FITTED, MEASURED, OVERLAID
 from rig.document.words import FAIR, Key
 from rig.hybrid.assessment import Record
-from rig.signals.arrays import FloatArray
 
 CRITERIA = (("J1", "ms"), ("J2", "%"), ("J4", "%"), ("J6", "%"), ("J7", "%"))
 HEAD = (
@@ -62,26 +61,22 @@ def _number(value: float | None) -> str:
 
 def _plots(test: HybridTest, record: Record, display: Display) -> Blocks:
     """Rod against target over a short time, body against reference over all of it."""
-    time = Axis("Time", "s")
-    middle_s = 0.5 * (record.time_s[0] + record.time_s[-1])
-    near = abs(record.time_s - middle_s) <= 0.5 * SHOWN_S
+    time, time_s, shown = Axis("Time", "s"), record.time_s, display.displacement
+    middle_s = 0.5 * (time_s[0] + time_s[-1])
+    near = abs(time_s - middle_s) <= 0.5 * SHOWN_S
     tracking = Figure(
-        time, Axis(display.displacement.title("Rod"), display.displacement.unit),
-        [_trace(record.time_s[near], display.displacement.signed(record.target_m[near]), "target", OVERLAID),
-         _trace(record.time_s[near], display.displacement.signed(record.measured_m[near]), "rod", MEASURED)],
+        time, Axis(shown.title("Rod"), shown.unit),
+        [Trace(time_s[near], shown.signed(record.target_m[near]), name="target", colour=OVERLAID),
+         Trace(time_s[near], shown.signed(record.measured_m[near]), name="rod", colour=MEASURED)],
         480, 260, title=f"{test.id}: rod and target",
     )
-    rows = thinned(len(record.time_s), MOST_DRAWN)
+    rows = thinned(len(time_s), MOST_DRAWN)
     body = Figure(
-        time, Axis("Body", display.displacement.unit),
-        [_trace(record.time_s[rows], display.displacement.value(record.reference_m[rows, 1]), "reference", FITTED),
-         _trace(record.time_s[rows], display.displacement.value(record.body_m[rows]), "hybrid", MEASURED)],
+        time, Axis("Body", shown.unit),
+        [Trace(time_s[rows], shown.value(record.reference_m[rows, 1]), name="reference", colour=FITTED),
+         Trace(time_s[rows], shown.value(record.body_m[rows]), name="hybrid", colour=MEASURED)],
         480, 260, title=f"{test.id}: body",
     )
     keys = (Key("rod, hybrid", MEASURED), Key("target", OVERLAID), Key("complete simulation", FITTED))
     cards = Cards((Card("", (Figures((tracking,)),)), Card("", (Figures((body,)),))))
     return [Heading(test.id, 3), Keys(keys), cards]
-
-
-def _trace(time_s: FloatArray, values: FloatArray, name: str, colour: str) -> Trace:
-    return Trace(time_s, values, name=name, colour=colour)

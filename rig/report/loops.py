@@ -13,7 +13,7 @@ from rig.document.numbers import number
 from rig.document.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
 from rig.document.words import Key, Label, Span, Strong, verdict
 from rig.report.fit import validation_words
-from rig.report.peak_forces import current_keys
+from rig.report.peak_forces import current_keys, levels_of
 from rig.report.views import Loop, PointView, motion_of
 from rig.signals.arrays import FloatArray
 from rig.test_point import HYBRID, SIGNAL
@@ -70,7 +70,7 @@ def overlays(views: Sequence[PointView]) -> Overlays:
     drawn = [view for view in views if view.loop is not None]
     if not drawn:
         return Overlays()
-    display, currents = drawn[0].display, _currents(drawn)
+    display, currents = drawn[0].display, levels_of(drawn)
     motions = _grouped(sorted(drawn, key=_speed), lambda view: view.group)
     cards = [
         Card(Strong(motion), (Figures((
@@ -86,10 +86,6 @@ def overlays(views: Sequence[PointView]) -> Overlays:
         tuple(card for place, card in enumerate(cards) if place not in first and len(motions[place][1]) > 1), keys,
         len(cards) - len(first),
     )  # fmt: skip
-
-
-def _currents(views: Sequence[PointView]) -> list[float]:
-    return sorted({view.level_A for view in views})
 
 
 def _speed(view: PointView) -> float:
@@ -119,7 +115,7 @@ def model_overview(views: Sequence[PointView]) -> Blocks:
     """Force over velocity for each motion with the fit dashed over the measured loops; empty without a drawn fit."""
     if not any(view.loop is not None and view.loop.fitted_N is not None for view in views):
         return []
-    keys = (*current_keys(_currents([view for view in views if view.loop is not None])),
+    keys = (*current_keys(levels_of(view for view in views if view.loop is not None)),
             Key("fitted", OVERLAID, dashed=True))  # fmt: skip
     cards = tuple(Card(Strong(view.group), (Figures((figure,)),)) for view, figure in overview_figures(views))
     return [Heading("Measured and fitted loops", 3), Keys(keys, "One cycle at "), Cards(cards)]
@@ -128,8 +124,9 @@ def model_overview(views: Sequence[PointView]) -> Blocks:
 def overview_figures(views: Sequence[PointView]) -> list[tuple[PointView, Figure]]:
     """Force over velocity of each motion, all currents in one figure, with a point of the motion."""
     drawn = [view for view in views if view.loop is not None]
+    currents = levels_of(drawn)
     return [
-        (group[0], _overlay(group, _currents(drawn), velocity_axis(group[0].display), velocity_of,
+        (group[0], _overlay(group, currents, velocity_axis(group[0].display), velocity_of,
                             f"Force vs. velocity, {motion}", fitted=True, size=(400, 270)))
         for motion, group in _grouped(drawn, lambda view: view.group)
     ]  # fmt: skip

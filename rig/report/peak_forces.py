@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, number, signed
 from rig.document.style import current_colour
 from rig.document.words import Key, Strong, Words
-from rig.report.views import AS_AMPLITUDE, MotionTerms
+from rig.report.views import AS_AMPLITUDE, MotionTerms, PointView
 from rig.signals.rounding import rounded
 
 T = TypeVar("T")
@@ -46,9 +46,9 @@ def peak_forces(
     return [Heading(TITLE, listed="Forces"), Beside(plot, (*shown, note), SHARE)]
 
 
-def levels_of(loops: Sequence[LoopCharacteristics]) -> list[float]:
-    """The levels of current of some loops, ascending (A)."""
-    return sorted({loop.level_A for loop in loops})
+def levels_of(tests: Iterable[LoopCharacteristics | PointView]) -> list[float]:
+    """The levels of current of some tests, ascending (A)."""
+    return sorted({test.level_A for test in tests})
 
 
 def _levels(tables: Sequence[ForceTable]) -> list[float]:
@@ -67,7 +67,7 @@ def peak_velocity_plot(tables: Sequence[ForceTable], display: Display) -> Figure
         tables: one for each waveform.
         display: units and signs.
     """
-    if sum(cell is not None for one in tables for row in one.rows for cell in row.cells) < 2:
+    if sum(len(list(one.tested)) for one in tables) < 2:
         return None
     levels, traces, top = _levels(tables), list[Trace](), 0.0
     for one in tables:
@@ -87,8 +87,7 @@ def peak_velocity_plot(tables: Sequence[ForceTable], display: Display) -> Figure
 
 def _table(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
     """One waveform's forces: rows of velocity and columns of current, or a list where few of them were tested."""
-    cells = sum(cell is not None for row in of.rows for cell in row.cells)
-    if len(of.currents_A) > MOST_CURRENTS or cells < FILLED * len(of.rows) * len(of.currents_A):
+    if len(of.currents_A) > MOST_CURRENTS or len(list(of.tested)) < FILLED * len(of.rows) * len(of.currents_A):
         return _listed(of, display, terms)
     return _by_velocity_and_current(of, display, terms)
 
@@ -121,11 +120,7 @@ def _listed(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
         Column("Current", "A", True), Column("Velocity", display.speed.unit, True), Column("Rebound", "", True),
         Column("Compression", "", True), Column("Motion"),
     ]  # fmt: skip
-    tests = [
-        (current_A, row, cell) for place, current_A in enumerate(of.currents_A) for row in of.rows
-        if (cell := row.cells[place]) is not None
-    ]
-    shown, more = _some(tests, MOST_ROWS)
+    shown, more = _some(sorted(of.tested, key=lambda test: test[0]), MOST_ROWS)  # by velocity within each current
     rows: list[list[Words]] = [
         [number(current_A), number(display.speed.value(row.speed_m_s), 3), force_text(of, cell, display, rebound=True),
          force_text(of, cell, display, rebound=False),

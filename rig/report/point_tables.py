@@ -82,19 +82,17 @@ def words(title: str, read: Callable[[PointView], Words]) -> Column:
 def point_table(columns: Sequence[Column], views: Sequence[PointView]) -> blocks.Table:
     """One row for each point; a column without any value is left out."""
     display = views[0].display if views else SI
-    cells = [[column.cell(view) for column in columns] for view in views]
+    read = [(column, [column.cell(view) for view in views]) for column in columns]
     filled = [
-        place for place, column in enumerate(columns)
-        if column is POINT or any(plain(row[place]) not in {"", NOTHING} for row in cells)
+        (column, cells) for column, cells in read
+        if column is POINT or any(plain(cell) not in {"", NOTHING} for cell in cells)
     ]
     heads = [
         blocks.Column(
-            columns[place].title,
-            shown_as(display, columns[place].shown).symbol if columns[place].shown else columns[place].unit,
-            columns[place].numeric,
-        ) for place in filled
+            column.title, shown_as(display, column.shown).symbol if column.shown else column.unit, column.numeric
+        ) for column, _ in filled
     ]
-    return blocks.table(heads, [[row[place] for place in filled] for row in cells])
+    return blocks.table(heads, list(zip(*(cells for _, cells in filled), strict=True)))
 
 
 def _remarks(view: PointView) -> str:

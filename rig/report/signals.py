@@ -15,7 +15,6 @@ from rig.document.words import Key, Strong, Words, verdict
 from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.views import PointView
-from rig.signals.arrays import FloatArray
 from rig.test_point import SIGNAL
 
 
@@ -88,18 +87,13 @@ def _plots(point: RecordedPoint, display: Display) -> Card | None:
     )
     near = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S
     rows = thinned(len(elapsed_s), MOST_DRAWN)
-    time = Axis("Time", "s")
+    time, shown = Axis("Time", "s"), display.displacement
     follow = Figure(
-        time, Axis(display.displacement.title("Rod"), display.displacement.unit),
-        [_trace(elapsed_s[near], display.displacement.signed(target_m[near]), "target", OVERLAID),
-         _trace(elapsed_s[near], display.displacement.signed(rod_m[near]), "rod", MEASURED)],
+        time, Axis(shown.title("Rod"), shown.unit),
+        [Trace(elapsed_s[near], shown.signed(target_m[near]), name="target", colour=OVERLAID),
+         Trace(elapsed_s[near], shown.signed(rod_m[near]), name="rod", colour=MEASURED)],
         480, 220, title=f"{point.id}: rod and target",
     )
-    left = _trace(elapsed_s[rows], display.displacement.signed((rod_m - target_m)[rows]), "rod minus target", RESIDUAL)
-    deviation = Axis("Deviation", display.displacement.unit)
-    apart = Figure(time, deviation, [left], 480, 160, title=f"{point.id}: rod minus target")
+    left = Trace(elapsed_s[rows], shown.signed((rod_m - target_m)[rows]), name="rod minus target", colour=RESIDUAL)
+    apart = Figure(time, Axis("Deviation", shown.unit), [left], 480, 160, title=f"{point.id}: rod minus target")
     return Card((Strong(point.id), f" {point.motion}"), (Figures((follow, apart)),))
-
-
-def _trace(time_s: FloatArray, values: FloatArray, name: str, colour: str) -> Trace:
-    return Trace(time_s, values, name=name, colour=colour)

@@ -48,12 +48,16 @@ def plots(loops: Sequence[LoopCharacteristics], display: Display) -> dict[str, F
 
     Energy grows with the stroke, and the damping falls with it. `force` is the peak-velocity plot.
     """
+    pvp = peak_velocity_plot(force_tables(loops), display)
+    return ({} if pvp is None else {"force": pvp}) | _by_amplitude(loops, display)
+
+
+def _by_amplitude(loops: Sequence[LoopCharacteristics], display: Display) -> dict[str, Figure]:
+    """The figures of `TITLES`; empty for a single loop."""
     if len(loops) < 2:
         return {}
     damping = display.damping
-    pvp = peak_velocity_plot(force_tables(loops), display)
     return {
-        **({} if pvp is None else {"force": pvp}),
         "energy": _figure(loops, display, Axis("Energy", "J"), lambda loop: loop.energy_J.value),
         "damping": _figure(
             loops, display, Axis("Damping", damping.unit),
@@ -63,8 +67,8 @@ def plots(loops: Sequence[LoopCharacteristics], display: Display) -> dict[str, F
 
 
 def _plots(loops: Sequence[LoopCharacteristics], display: Display) -> Blocks:
-    drawn = plots(loops, display)
-    cards = tuple(Card(Strong(title), (Figures((drawn[name],)),)) for name, title in TITLES.items() if name in drawn)
+    drawn = _by_amplitude(loops, display)
+    cards = tuple(Card(Strong(TITLES[name]), (Figures((figure,)),)) for name, figure in drawn.items())
     if not cards:
         return []
     strokes = " and amplitude" if len({_amplitude(loop, display) for loop in loops}) > 1 else ""

@@ -69,18 +69,31 @@ class MotionTerms:
 
     def length(self, amplitude_m: float, display: Display) -> str:
         """Amplitude or stroke with its word."""
-        shown = display.displacement
-        return f"stroke {shown.text(2.0 * amplitude_m)}" if self.stroke else f"amplitude {shown.text(amplitude_m)}"
+        return f"{self.length_name} {display.displacement.text(self.length_m(amplitude_m))}"
+
+    @property
+    def length_name(self) -> str:
+        """The word for `length_m`."""
+        return "stroke" if self.stroke else "amplitude"
+
+    def length_m(self, amplitude_m: float) -> float:
+        """Amplitude or stroke of a motion of this amplitude, m."""
+        return 2.0 * amplitude_m if self.stroke else amplitude_m
 
     def rate(self, waveform: str, amplitude_m: float, frequency_Hz: float, display: Display) -> str:
         """Peak speed or frequency."""
         if not self.by_speed(waveform):
             return f"{frequency_Hz:.4g} Hz"
-        return display.speed.text(waveform_named(waveform).peak_velocity * amplitude_m * frequency_Hz)
+        return display.speed.text(peak_speed_m_s(waveform, amplitude_m, frequency_Hz))
 
     def by_speed(self, waveform: str) -> bool:
         """Whether the rate of such a motion is named by its peak speed."""
         return self.speed and waveform in WAVEFORMS
+
+
+def peak_speed_m_s(waveform: str, amplitude_m: float, frequency_Hz: float) -> float:
+    """Peak speed of a cyclic motion, m/s."""
+    return waveform_named(waveform).peak_velocity * amplitude_m * frequency_Hz
 
 
 AS_AMPLITUDE = MotionTerms()
