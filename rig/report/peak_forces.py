@@ -111,7 +111,8 @@ def _by_velocity_and_current(of: ForceTable, display: Display, terms: MotionTerm
             motion = [] if of.constant_stroke else [terms.size(of.waveform, one.amplitude_m, one.frequency_Hz, display)]
             forces = [NOTHING if cell is None else force_text(of, cell, display, rebound=rebound) for cell in one.cells]
             rows.append(Row((number(display.speed.value(one.speed_m_s), 3), *motion, *forces)))
-    return [table(head, rows, title=_title(of, display)), *_more(more)]
+    size = f", {terms.length(of.rows[0].amplitude_m, display)}" if of.constant_stroke else ""
+    return [table(head, rows, title=_title(of, display) + size), *_more(more)]
 
 
 def _listed(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
