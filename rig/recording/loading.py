@@ -7,6 +7,7 @@ import glob
 import math
 import os
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -272,13 +273,17 @@ def _points_of_files(
     """
     tests: list[ImportedTest] = []
     problems: list[str] = []
-    twice = sorted({str(file) for file in files if [one.resolve() for one in files].count(file.resolve()) > 1})
+    places = [file.resolve() for file in files]
+    given = Counter(places)
+    twice = sorted({str(file) for file, place in zip(files, places, strict=True) if given[place] > 1})
     problems += [f"{file} is given more than once. Fix: specify each file only once" for file in twice]
+    exports = {file.parent for file in files if file.suffix == ".csv"}
+    lists = {folder: _listed(folder / LIST_OF_POINTS) for folder in exports}
     for file, one_A in zip(files, current_A, strict=True):
         settings = ImportSettings(
             options.columns, one_A, options.current_from_name, options.rate_Hz, options.dialect, tuple(options.accept),
             scales=options.scales, no_value=options.no_value, positive=options.positive,
-            described=_listed(file.parent / LIST_OF_POINTS).get(file.stem, {}) if file.suffix == ".csv" else {},
+            described=lists[file.parent].get(file.stem, {}) if file.suffix == ".csv" else {},
         )  # fmt: skip
         try:
             tests += read_tests([file], settings)
