@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rig.errors import FileProblem
 from rig.export.point_tables import described
 from rig.recording.atomic_write import write_durably
+from rig.recording.file_formats.column_files import UDUNITS
 from rig.recording.file_formats.rpc3_file import Rpc3Channel, encoded
 from rig.recording.file_formats.table_file import INSTALL_FILES
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
@@ -25,8 +26,8 @@ UNITS = {
     "coil_temperature_degC": "degree_Celsius",
 }  # fmt: skip
 """Of `CHANNELS`, in the words of udunits."""
-PLAIN_UNITS = {"velocity_m_s": "m/s", "coil_temperature_degC": "degC"}
-"""Where MDF and RPC III tools write them otherwise."""
+PLAIN_UNITS = {name: UDUNITS.get(unit, unit) for name, unit in UNITS.items()}
+"""The same as MDF and RPC III tools write them."""
 GRID = 0.01
 """Of a sample period: how far a sample may be from a uniform time grid that stands for it."""
 
@@ -150,7 +151,7 @@ def _mf4(point: RecordedPoint) -> bytes:
     time_s = channels.pop("time_s", np.zeros(0))
     with MDF(version="4.10") as file:
         file.append([
-            Signal(values, time_s, unit=PLAIN_UNITS.get(name, UNITS[name]), name=name)
+            Signal(values, time_s, unit=PLAIN_UNITS[name], name=name)
             for name, values in channels.items()
         ], comment=point.id, common_timebase=True)  # fmt: skip
         comment = "\n".join(f"{name}: {_text(value)}" for name, value in described(point).items())
@@ -172,7 +173,7 @@ def _rpc(point: RecordedPoint, *, integers: bool) -> bytes:
     on_grid[:, places] = [values[rows] for values in channels.values()]
     try:
         return encoded(
-            [Rpc3Channel(name, PLAIN_UNITS.get(name, UNITS[name]), values)
+            [Rpc3Channel(name, PLAIN_UNITS[name], values)
              for name, values in zip(channels, on_grid, strict=True)],
             step_s, {f"RIG.{name.upper()}": value for name, value in described(point).items()}, integers=integers,
         )  # fmt: skip

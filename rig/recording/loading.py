@@ -19,7 +19,7 @@ from rig.campaign_folder import CampaignFolder, run_path
 from rig.errors import DataWarning, FileProblem
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 from rig.recording.file_formats.columns import choose
-from rig.recording.file_formats.named_columns import named_quantity
+from rig.recording.file_formats.named_columns import FILE_QUANTITIES, named_quantity
 from rig.recording.file_formats.table_file import TableColumn
 from rig.recording.hdf5.reading import VERDICTS
 from rig.recording.imported_signs import SignedLoop, doubtful_signs
@@ -46,10 +46,7 @@ ENDINGS = frozenset((
 LIST_OF_POINTS = "points.csv"
 """What our CSV export lists its points in."""
 LIST_LIMIT_BYTES = 1 << 24
-CHANNEL = {
-    "time": "time", "displacement": "displacement", "force": "force", "current": "current",
-    "commanded_current": "commanded_current", "temperature": "coil_temperature",
-}  # fmt: skip
+CHANNEL = {"time": "time", **{quantity: channel for channel, quantity in FILE_QUANTITIES.items()}}
 """Quantity -> channel of a point, and the name of a table's column."""
 
 
