@@ -14,7 +14,7 @@ from rig.recording.external_tests import LARGEST, implausible, uniform_times, wi
 from rig.recording.file_formats.csv_dialect import is_stamp
 from rig.recording.file_formats.file_units import named_unit, units_for
 from rig.recording.file_formats.named_columns import TIMES, NamedQuantity, named_quantity, time_name
-from rig.recording.file_formats.text_cells import numbers_of_cells, seconds_of_stamps
+from rig.recording.file_formats.text_cells import numbers_of_cells, seconds_of_dates, seconds_of_stamps
 from rig.signals.arrays import FloatArray
 from rig.signals.sample_times import SampleTimes
 from rig.units import DIMENSIONS, Unit
@@ -289,8 +289,7 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
         values = source.to_numpy()
         if source.dtype.kind == "M" or hasattr(source.dtype, "tz"):
             values = source.to_numpy("datetime64[ns]")
-        steps = np.asarray(values - values[:1], "timedelta64[ns]")
-        return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
+        return seconds_of_dates(values)
     if _is_stamps(source):
         return _of_stamps(source, where)
     name, stated = time_name(source.name), _stated_unit(source, known)

@@ -18,6 +18,7 @@ from rig.recording.file_formats.table_file import (
     stream,
     unreadable,
 )
+from rig.recording.file_formats.text_cells import seconds_of_dates
 from rig.signals.arrays import FloatArray
 
 PARQUET = b"PAR1"
@@ -123,8 +124,7 @@ def _unit(metadata: Mapping[bytes, bytes]) -> str:
 def _numbers(values: Any) -> FloatArray:  # noqa: ANN401 - an array of any type
     """Numbers (n,); of time stamps seconds from the first one."""
     if values.dtype.kind == "M":
-        steps = (values - values[:1]).astype("timedelta64[ns]")
-        return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
+        return seconds_of_dates(values)
     return np.ascontiguousarray(values, np.float64)
 
 

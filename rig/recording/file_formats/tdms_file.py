@@ -22,6 +22,7 @@ from rig.recording.file_formats.table_file import (
     unapplied_factor,
     unreadable,
 )
+from rig.recording.file_formats.text_cells import seconds_of_dates
 from rig.signals.arrays import FloatArray
 
 UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit", "unit", "Unit")
@@ -112,8 +113,7 @@ class TdmsFile(NoLines):
     def _numbers(self, place: int) -> FloatArray:
         values = np.asarray(self._values[place])
         if values.dtype.kind == "M":
-            stamps = values.astype("datetime64[ns]").astype(np.int64)
-            return np.asarray((stamps - stamps[0]) * 1e-9 if len(stamps) else stamps, np.float64)
+            return seconds_of_dates(values)
         if values.dtype.kind not in "fiub":
             raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} contains no numbers"])
         return values.astype(np.float64)

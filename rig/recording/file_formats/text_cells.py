@@ -1,10 +1,11 @@
-"""Cells of text as numbers or times, by one rule for files and tables."""
+"""Cells of text as numbers or times, and dates as times, by one rule for files and tables."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,12 @@ def numbers_of_cells(cells: Iterable[object]) -> FloatArray:
             raise ValueError(f"row {row}: {text[:40]!r} is not a number")
         numbers.append(float(text) if known else math.nan)
     return np.array(numbers, np.float64)
+
+
+def seconds_of_dates(values: NDArray[Any]) -> FloatArray:
+    """Dates or durations of NumPy (n,) as seconds from the first one; NaN where there is none (NaT)."""
+    steps = np.asarray(values - values[:1], "timedelta64[ns]")
+    return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
 
 
 def texts_of_cells(cells: Iterable[object]) -> list[str]:
