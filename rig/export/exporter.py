@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -82,9 +81,7 @@ class Source:
             FileProblem: there is none, or it is no fit; everything that is wrong with it.
         """
         if isinstance(self.given, FitRecord):
-            content = json.dumps(self.given.to_json(), indent=1, allow_nan=False) + "\n"
-            written = self.given.text if isinstance(self.given, Fit) else content
-            return replace(self.given, sha256=self.given.sha256 or hashlib.sha256(written.encode()).hexdigest())
+            return replace(self.given, sha256=self.given.sha256 or hashlib.sha256(self.given.text.encode()).hexdigest())
         file = self.fit_file
         if not file.is_file():
             raise FileProblem(str(file), ["no fit found. Fix: create a fit with `rig identify`"])

@@ -61,10 +61,6 @@ class FittedModel:
         covered = self.covered
         return {} if covered is None else {name: ends for name, ends in covered.ranges() if ends is not None}
 
-    def covariance(self) -> tuple[list[str], FloatArray]:
-        """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
-        return self.fit.known_covariance()
-
     def described(self) -> list[str]:
         """Lines for people: model, equation, units, ranges, parameters with intervals, covariance, hash of the fit."""
         lines = [
@@ -80,7 +76,7 @@ class FittedModel:
             "Parameters: value, unit, 95 % interval (each parameter separately), standard error",
             *(self._parameter(name) for name in self.model.names),
         ]
-        names, matrix = self.covariance()
+        names, matrix = self.fit.known_covariance()
         if names:
             lines += ["", f"Covariance (SI) of {', '.join(names)}, lower triangle:"]
             lines += [

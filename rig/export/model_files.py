@@ -139,7 +139,7 @@ def write_python(fitted: FittedModel, folder: Path) -> list[Path]:
         NotTranslatable: the model's kernel cannot be translated.
     """
     program, library = _program(fitted)
-    names, matrix = fitted.covariance()
+    names, matrix = fitted.fit.known_covariance()
     header = "\n".join(line.replace("\\", "/").replace('"""', "'''") for line in fitted.described())
     covariance = {
         a: {b: None if math.isnan(value) else value for b, value in zip(names, row, strict=True)}

@@ -6,6 +6,7 @@ The file is one flat object; the parts of a fit (`entries`) are read from it eac
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -128,6 +129,11 @@ def _relations(reader: PlainReader, entry: object) -> CurrentRelations | None:
         named = {name: {**one, "kind": kind} if isinstance(one, Mapping) else one for name, one in related.items()}
         entry = {**entry, "relations": named}
     return reader.read(CurrentRelations, entry, "current")
+
+
+def fit_text(content: Mapping[str, Any]) -> str:
+    """What `fit_content` gives, as the text of a file."""
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def fit_content(fit: Mapping[str, Any], evaluation: Evaluation, equation: str) -> dict[str, Any]:

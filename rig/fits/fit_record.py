@@ -28,7 +28,7 @@ from rig.fits.entries import (
     TestedRange,
     Uncertainty,
 )
-from rig.fits.fit_file import FIX, fit_content, read_fit
+from rig.fits.fit_file import FIX, fit_content, fit_text, read_fit
 from rig.fits.formula import formula
 from rig.fits.parameters import Parameters
 from rig.fits.plain import APART, plain
@@ -141,6 +141,11 @@ class FitRecord:
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
         return fit_content(plain(self), self.evaluation, self.equation)
+
+    @property
+    def text(self) -> str:
+        """The fit as it is written to a file."""
+        return fit_text(self.to_json())
 
     def __repr__(self) -> str:
         """One line: model, number of tests, error, where it was written."""

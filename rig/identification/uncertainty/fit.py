@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -17,6 +16,7 @@ from rig.dampers.arrays import FloatArray
 from rig.document.axes import draw_on
 from rig.errors import IdentificationFailed
 from rig.fits.entries import TestCycle
+from rig.fits.fit_file import fit_text
 from rig.fits.fit_record import FitRecord
 from rig.fits.plain import APART
 from rig.fits.summary import summary, summary_html
@@ -138,7 +138,7 @@ class Fit(FitRecord):
     def text(self) -> str:
         """What `save` writes; tests that have no files are in it with a cycle each, for figures."""
         cycles = self.cycles if not self.tests or any(test.file for test in self.tests) else cycles_of(self.tests)
-        return json.dumps(replace(self, cycles=cycles).to_json(), indent=1, allow_nan=False) + "\n"
+        return fit_text(replace(self, cycles=cycles).to_json())
 
     def export(self, format: str, folder: Path | str) -> list[Path]:
         """Write the fitted model for another program.
