@@ -239,7 +239,7 @@ def _with_stated(file: Path, opened: TableFile, settings: ImportSettings) -> Imp
     Raises:
         FileProblem: several columns state the same quantity.
     """
-    described = {**getattr(opened, "described", {}), **settings.described}
+    described = {**opened.described, **settings.described}
     current_A = settings.current_A
     if current_A is None and described.get("current_A"):
         with contextlib.suppress(ValueError):
@@ -407,8 +407,7 @@ def column_lists(
     """
     for name, opened in open_file(file, dialect)[0]:
         columns = [(one.full or one.name, one.unit) for one in opened.columns]
-        hints = {hint.split("=")[0].rpartition(" ")[2].strip("'"): hint
-                 for hint in suggestions(opened.columns, [*REQUIRED, "time", "current"])}  # fmt: skip
+        hints = suggestions(opened.columns, [*REQUIRED, "time", "current"])
         yield f"{f', {name}' if name else ''}: {opened.read_as}", columns, hints
 
 
@@ -430,7 +429,7 @@ def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[st
             raise FileProblem(str(file), [*error.problems, f"(read as {opened.read_as})"]) from error
         shown = [(one.full or one.name) + (f" ({one.unit})" if one.unit and one.unit not in one.full else "")
                  for one in opened.columns[:MOST_SHOWN]]  # fmt: skip
-        hint = " ".join(suggestions(opened.columns, absent))
+        hint = " ".join(suggestions(opened.columns, absent).values())
         raise FileProblem(str(file), [
             *error.problems, f"read as {opened.read_as}; its columns: {', '.join(shown)}",
             *([f"perhaps {hint}"] if hint else []),
@@ -458,7 +457,7 @@ def _table(
         if time_s is not None and not isinstance(time_s, np.ndarray):
             return _together(file, opened, choices, table, time_s, notes)
         if time_s is None:
-            hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
+            hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]).values())
             raise FileProblem(str(file), [
                 f"time: no column specified. Fix: write --column time=NAME, or --rate '1 kHz'{hint}"
             ])  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rig.errors import FileProblem
@@ -273,12 +273,12 @@ def _of(text: str, dimension: str, problem: str) -> str:
     return unit[0]
 
 
-def suggestions(columns: Sequence[TableColumn], quantities: Sequence[str]) -> Iterator[str]:
-    """Options that may be meant, quoted for a shell, for the quantities that are not named yet.
+def suggestions(columns: Sequence[TableColumn], quantities: Sequence[str]) -> dict[str, str]:
+    """Quantity -> option that may be meant, quoted for a shell, for the quantities that are not named yet.
 
     By the columns' names and units; a column is suggested once, and none whose unit is of another dimension.
     """
-    left = list(range(len(columns)))
+    left, options = list(range(len(columns))), dict[str, str]()
     for quantity in quantities:
         scores = {place: _likeness(columns[place], quantity) for place in left}
         best = max(scores, key=lambda place: scores[place], default=None)
@@ -289,7 +289,8 @@ def suggestions(columns: Sequence[TableColumn], quantities: Sequence[str]) -> It
         names = [one.name for one in columns]
         name = column.name if names.count(column.name) == 1 else column.full or f"#{best + 1}"
         unit = "" if column.unit or _suffix_unit(column.name, dimension) else f":{units_of(dimension)[0]}"
-        yield f"--column {shlex.quote(f'{quantity}={name}{unit}')}"
+        options[quantity] = f"--column {shlex.quote(f'{quantity}={name}{unit}')}"
+    return options
 
 
 def _likeness(column: TableColumn, quantity: str) -> int:

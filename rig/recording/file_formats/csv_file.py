@@ -30,7 +30,7 @@ from rig.recording.file_formats.csv_dialect import (
     signs_of,
     without_groups,
 )
-from rig.recording.file_formats.table_file import Break, Dialect, TableColumn
+from rig.recording.file_formats.table_file import NOT_DESCRIBED, Break, Dialect, TableColumn
 from rig.recording.file_formats.text_cells import NotStamps, seconds_of_stamps
 from rig.signals.arrays import FloatArray
 
@@ -55,6 +55,7 @@ class CsvFile:
 
     ROW = "line"
     """What a row is called."""
+    described = NOT_DESCRIBED
 
     def __init__(self, file: Path, data: bytes, stated: Dialect) -> None:
         """Guess how it is written.

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 from rig.errors import FileProblem
@@ -71,8 +72,13 @@ class Break:
     other: int = 0
 
 
+NOT_DESCRIBED: Mapping[str, str] = MappingProxyType({})
+
+
 class NoLines:
     """What formats without lines answer."""
+
+    described = NOT_DESCRIBED
 
     def row_name(self, row: int) -> str:
         """See `TableFile.row_name`."""
@@ -98,6 +104,10 @@ class TableFile(Protocol):
     @property
     def read_as(self) -> str:
         """How the file was taken, for people: format, and of CSV the dialect."""
+
+    @property
+    def described(self) -> Mapping[str, str]:
+        """What the file states of the test as a whole, by the names of `ImportedTest.described`."""
 
     def row_name(self, row: int) -> str:
         """Where a row (from 0) of `values` is in the file, for people: `line 42` or `row 7`."""
