@@ -42,7 +42,9 @@ def convention(positive: Positive) -> str:
         "--positive compression")
 
 
-def doubtful_signs(loops: Iterable[SignedLoop], positive: Positive) -> list[str]:
+def doubtful_signs(
+    loops: Iterable[SignedLoop], positive: Positive, option: str = "--positive compression"
+) -> list[str]:
     """One line if the force between rebound and compression is that of a gas spring that pulls the rod in.
 
     It must do so in the test with the smallest forces, in which the gas force counts most, and in at least half of the
@@ -51,6 +53,7 @@ def doubtful_signs(loops: Iterable[SignedLoop], positive: Positive) -> list[str]
     Args:
         loops: the tests.
         positive: direction that was taken for positive in the files.
+        option: with which the user states the other direction.
     """
     known = [(*forces_N, one.name) for one in loops if (forces_N := _middle(one)) is not None]
     if not known:
@@ -58,7 +61,7 @@ def doubtful_signs(loops: Iterable[SignedLoop], positive: Positive) -> list[str]
     size_N, middle_N, name = min(known)
     if not min(middle_N, float(np.median([one[1] for one in known]))) > max(LEAST_N, LEAST_SHARE * size_N):
         return []
-    other = "without --positive compression" if positive == "compression" else "with --positive compression"
+    other = f"{'without' if positive == 'compression' else 'with'} {option}"
     return [
         f"{name}: the mean force at the ends of the stroke is {middle_N:.3g} N in rebound, as if the gas force pulled "
         "the rod in; a gas force pushes the rod out. Displacement and force are probably both positive in "

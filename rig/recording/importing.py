@@ -11,7 +11,7 @@ import re
 import secrets
 import shutil
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -259,8 +259,8 @@ def points_of(tests: Sequence[ImportedTest], described: Described) -> list[Recor
 
 def _point_of(file: PointFile) -> RecordedPoint:
     """The point that its file would be opened as, without a file."""
-    quality, test, skew = PointQuality.read(file.quality), file.test, PointQuality.read(file.quality).skew
-    verdict, middle_m = quality.verdict, test["mid_stroke_m"]
+    quality, test = PointQuality.read(file.quality), file.test
+    verdict, skew, middle_m = quality.verdict, quality.skew, test["mid_stroke_m"]
     return RecordedPoint(
         **point_fields(test), mid_stroke_m=middle_m if isinstance(middle_m, float) else None,
         verdict=verdict.verdict, reasons=verdict.reasons, lost_samples=quality.lost_samples or 0,
@@ -271,16 +271,23 @@ def _point_of(file: PointFile) -> RecordedPoint:
 
 
 def _names(parts: Sequence[TestPart]) -> list[str]:
-    names: list[str] = []
+    stems = []
     for part in parts:
         test, number = part.test, f"-{part.number}" if part.number else ""
         stem = NOT_IN_A_NAME.sub("-", "_".join((test.source.stem, *([test.part] if test.part else []))))
-        stem = (stem.lstrip(".") or "test")[:LONGEST_NAME] + number
+        stems.append((stem.lstrip(".") or "test")[:LONGEST_NAME] + number)
+    return told_apart(stems)
+
+
+def told_apart(names: Iterable[str]) -> list[str]:
+    """The names, those that were there before with a number: files in different folders may have the same name."""
+    made: dict[str, None] = {}
+    for stem in names:
         name, count = stem, 2
-        while name in names:
+        while name in made:
             name, count = f"{stem}-{count}", count + 1
-        names.append(name)
-    return names
+        made[name] = None
+    return list(made)
 
 
 def _point_file(name: str, part: TestPart, described: Described) -> PointFile:

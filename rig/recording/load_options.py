@@ -90,11 +90,10 @@ class LoadOptions:
             TypeError: there is no such option.
             FileProblem: a value is not one of those that are allowed.
         """
-        known = [one.name for one in fields(cls)]
         for name in keywords:
-            if name not in known:
-                near = near_names(name, known)
-                hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
+            if name not in OPTIONS:
+                near = near_names(name, OPTIONS)
+                hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(OPTIONS)}"
                 raise TypeError(f"load: got the option {name!r}; {hint}")
         options = cls(**keywords)
         if options.waveform not in (*WAVEFORM_NAMES, RANDOM):

@@ -23,7 +23,7 @@ from rig.recording.file_formats.named_columns import FILE_QUANTITIES, named_quan
 from rig.recording.file_formats.table_file import TableColumn
 from rig.recording.hdf5.reading import VERDICTS
 from rig.recording.imported_signs import SignedLoop, doubtful_signs
-from rig.recording.importing import Described, points_of
+from rig.recording.importing import Described, points_of, told_apart
 from rig.recording.load_options import OPTIONS, LoadKeywords, LoadOptions
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -108,13 +108,14 @@ def runs_of(source: Source, options: LoadOptions) -> list[Run]:
         elif isinstance(one, RecordedPoint):
             runs.append(Run(Run.NOWHERE, (one,)))
     loops = [SignedLoop(one.id, one.displacement_m, one.force_N) for one in foreign if one.has_frequency]
-    for text in doubtful_signs(loops, options.positive):
-        python = text.replace("--positive compression", "positive='compression'")
-        warnings.warn(python, DataWarning, stacklevel=3)
+    for text in doubtful_signs(loops, options.positive, option="positive='compression'"):
+        warnings.warn(text, DataWarning, stacklevel=3)
     if foreign:
         described = {} if options.specimen is None else {"specimen": options.specimen}
         folder = Path(os.path.commonpath([file.resolve().parent for file in files])) if files else Run.NOWHERE
-        runs.append(Run(folder, tuple(_with_own_names(foreign)), described))
+        names = told_apart(point.id for point in foreign)
+        own = tuple(replace(point, id=name) for point, name in zip(foreign, names, strict=True))
+        runs.append(Run(folder, own, described))
     if not runs:
         raise FileProblem("load", ["got an empty list, expected tests: folders, files, tables or runs"])
     return runs
@@ -390,10 +391,6 @@ def _points_of_table(table: _NamedTable, current_A: float | None, options: LoadO
         commanded_A=commanded_A, choices={}, read_as="table in memory", times=times,
         temperature_degC=channels.get("coil_temperature"),
     )  # fmt: skip
-    for quantity in ("displacement", "force"):
-        if not np.any(np.isfinite(channels[quantity])):
-            raise FileProblem(name, [f"{quantity}: none of {len(time_s)} rows contains a number. Fix: specify another "
-                "column"])
     return _points_of_test(test.extension_positive(options.positive), options)
 
 
@@ -424,14 +421,3 @@ def _with_own_columns(table: _NamedTable, options: LoadOptions) -> tuple[pd.Data
         if choice.unit is not None:
             units[channel] = choice.unit_name
     return frame, units
-
-
-def _with_own_names(points: Sequence[RecordedPoint]) -> Iterable[RecordedPoint]:
-    """The points, each with an id of its own: files in different folders may have the same name."""
-    used: set[str] = set()
-    for point in points:
-        name, count = point.id, 2
-        while name in used:
-            name, count = f"{point.id}-{count}", count + 1
-        used.add(name)
-        yield point if name == point.id else replace(point, id=name)

@@ -163,10 +163,6 @@ class RecordedPoint(TestPoint):
         )
         if "velocity" not in arrays:
             arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
-        for name in ("displacement", "force"):
-            if not np.any(np.isfinite(arrays[name])):
-                raise FileProblem(id, [f"{name}: none of {len(time_s)} rows contains a number. Fix: specify another "
-                    "column"])
         if "amplitude_m" not in description:
             check_one_motion(id, time_s, displacement_m, arrays["current"] if measured else None, waveform)
         assessment = assess(TestSamples(

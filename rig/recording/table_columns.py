@@ -81,8 +81,8 @@ def table_channels(
         accept: slugs of implausible sizes that are right all the same.
 
     Raises:
-        FileProblem: a column is missing, there twice or no numbers; a unit is not known; sizes that no test has; no
-            time, or one that does not increase.
+        FileProblem: a column is missing, there twice, empty or no numbers; a unit is not known; sizes that no test
+            has; no time, or one that does not increase.
     """
     if not table.columns.is_unique:
         twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
@@ -115,6 +115,11 @@ def table_channels(
     problems += [f"units: the table has no column {name!r}; its columns: {list(table)}" for name in unused]
     if problems:
         raise FileProblem(where, problems)
+    empty = [name for name in ("displacement", "force") if not np.any(np.isfinite(channels[name]))]
+    if empty:
+        raise FileProblem(where, [
+            f"{name}: none of {len(time_s)} rows contains a number. Fix: specify another column" for name in empty
+        ])
     channels = {"time": time_s, **channels}
     times = uniform_times(channels)
     wrong = np.flatnonzero(~(np.diff(channels["time"]) > 0.0))
