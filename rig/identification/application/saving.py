@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.recording.atomic_write import write_durably, write_text_durably
-from rig.text_file import JSON_LIMIT_BYTES
+from rig.text_file import read_json
 
 
 def saved(text: str, path: Path) -> tuple[Path, Path | None]:
@@ -46,13 +45,13 @@ def _refuse_others(target: Path) -> None:
     Raises:
         FileProblem: it is none.
     """
+    if target.name == CampaignFolder.fit:
+        return
     try:
-        with target.open("rb") as file:
-            content = json.loads(file.read(JSON_LIMIT_BYTES))
-        known = isinstance(content, dict) and "parameters" in content and "model" in content
-    except ValueError:
+        known = {"parameters", "model"} <= read_json(target).keys()
+    except FileProblem:
         known = False
-    if not known and target.name != CampaignFolder.fit:
+    if not known:
         raise FileProblem(str(target), ["is an existing file that does not contain a fit; it was not overwritten. "
             "Fix: specify another name"])
 
