@@ -10,6 +10,7 @@ import os
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import overload
 
@@ -143,14 +144,16 @@ def run_path(given: Path | str, *, with_empty: bool = False) -> Path:
         if CampaignFolder(folder).points.is_dir():
             return folder / path.name
     names = by_age(folder)
-    recorded = [name for name in names if with_empty or not is_empty(folder / name)]
     if count := LAST.fullmatch(path.name):
-        return folder / _counted(int(count[1] or count[2] or 1), path.name, recorded or names, folder)
+        back = int(count[1] or count[2] or 1)
+        recorded = (name for name in reversed(names) if with_empty or not is_empty(folder / name))
+        newest = list(islice(recorded, back)) or names[::-1]
+        return folder / _counted(back, path.name, newest, folder)
     if not names:
         return path
     part = path.name.casefold()
     matches = [name for name in names if part in name.casefold()]
-    matches = [name for name in matches if name in recorded] or matches
+    matches = [name for name in matches if with_empty or not is_empty(folder / name)] or matches
     if len(matches) > 1:
         raise FileProblem(str(folder), [_ambiguous(path.name, matches)])
     if not matches:
@@ -189,8 +192,8 @@ def _started(entry: os.DirEntry[str]) -> str:
     return stamp[0] if stamp else f"{datetime.fromtimestamp(entry.stat().st_mtime, UTC):%Y%m%dT%H%M%SZ}"
 
 
-def _counted(back: int, given: str, names: list[str], folder: Path) -> str:
-    """The run at this place from the newest (1).
+def _counted(back: int, given: str, newest: list[str], folder: Path) -> str:
+    """The run at this place from the newest (1); `newest` has all runs of the folder if it has fewer than `back`.
 
     Raises:
         FileProblem: there are not so many runs, or it is `last-1`, which can mean the newest run or the one before.
@@ -198,10 +201,10 @@ def _counted(back: int, given: str, names: list[str], folder: Path) -> str:
     if given.casefold() == "last-1":
         text = f"{given} is ambiguous. Fix: use last for the newest run, -2 for the one before"
         raise FileProblem(str(folder), [text])
-    if back > len(names):
-        number = f"only {len(names)} run{'s' * (len(names) > 1)} with recorded points" if names else "no runs"
+    if back > len(newest):
+        number = f"only {len(newest)} run{'s' * (len(newest) > 1)} with recorded points" if newest else "no runs"
         raise FileProblem(str(folder), [f"{given}: this folder contains {number}. Fix: specify the path of a run"])
-    return names[-back]
+    return newest[back - 1]
 
 
 def _ambiguous(given: str, matches: list[str]) -> str:
