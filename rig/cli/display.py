@@ -14,19 +14,22 @@ from rich.text import Text
 
 from rig.cli.tables import COLOURS, duration, plan_table
 from rig.cli.words import verdict_words
-from rig.display import SI
+from rig.display import SI, Shown
 
 if TYPE_CHECKING:
     from rig.campaign.results import PointResult
-    from rig.display import Display, Shown
+    from rig.display import Display
     from rig.matrix.plan import Plan
     from rig.recording.recorded_point import RecordedPoint
     from rig.test_point import TestPoint
 
+AMPERE = Shown("A", 1.0)
+"""Currents are shown in it whatever the display."""
 # Live value -> (label, quantity of the display, resolution in SI, characters).
 LIVE = {
     "position_m": ("position", "displacement", 1e-4, 8),
     "force_N": ("force", "force", 1.0, 7),
+    "current_A": ("current", "current", 0.01, 6),
     "coil_temperature_degC": ("coil", "temperature", 0.1, 6),
 }
 PHRASE, PEAKS = 24, 26
@@ -171,10 +174,8 @@ class LiveDisplay(PlainDisplay):
     def _live_numbers(self, live: Mapping[str, float]) -> Iterator[str]:
         for name, (label, quantity, resolution, width) in LIVE.items():
             if name in live:
-                shown: Shown = getattr(self.shown, quantity)
+                shown: Shown = getattr(self.shown, quantity, AMPERE)
                 yield f"{label} {shown.fixed(live[name], resolution):>{width}} {shown.symbol}"
-            if name == "force_N" and "current_A" in live:
-                yield f"current {live['current_A']:6.2f} A"
 
 
 def display_for(console: Console) -> PlainDisplay:
