@@ -19,6 +19,7 @@ from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.source import current_source, preset
 from protocols.can_signals import Signal
 from protocols.errors import RemoteProtocolError
+from protocols.j1939 import from_address
 from rig.files.described import dbc_text, described
 from simulators.ecu_protection import seal_of
 from simulators.ecu_wire import EXTENDED, Command, Frame, Shown
@@ -101,7 +102,7 @@ class EmulatedEcu:
         address = self.described.source_address
         own_address = SIMULATED_ADDRESS if address is None else address
         self._identifiers = {
-            message.name: key & ~0xFF | own_address if message.by_group else key
+            message.name: from_address(key, own_address) if message.by_group else key
             for key, message in self.described.heard.items()
         }
         self.temperatures = frozenset(message.name for message in heard if message.roles <= TEMPERATURES)
