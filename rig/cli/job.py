@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivers.processes import own_program
 from rig.campaign.campaign import run_campaign
+from rig.cli.junit import JUnitDisplay, JUnitReport
 from rig.cli.output import status_line
 from rig.cli.words import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID, FileProblem
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
     from rig.campaign.results import CampaignOptions, CampaignResult
     from rig.characteristics.force_table import ForceTable
-    from rig.cli.junit import JUnitReport
     from rig.cli.page import RunLink
     from rig.matrix.sections import Identify
 
@@ -162,7 +162,6 @@ def run_job(
         RigError: refused before a campaign directory exists.
     """
     from rig.cli.display import display_for
-    from rig.cli.junit import JUnitDisplay
 
     with hangups_interrupt(), Analyst() as analyst:
         with display_for(console) as display:

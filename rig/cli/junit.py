@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, Display, PointResult
     from rig.check.finding import CheckReport, DeviceReport
     from rig.matrix.plan import Plan
+    from rig.test_point import TestPoint
 
 NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot contain."""
@@ -212,7 +213,7 @@ class JUnitDisplay:
         self._planned(plan)
         points = [planned.point for planned in plan.points]
         self._report.cases = {
-            point.id: Case(f"{point.id} {point.described}", Outcome.SKIPPED, text="not run") for point in points
+            point.id: Case(_point_name(point), Outcome.SKIPPED, text="not run") for point in points
         }
         self._report.write_so_far()
 
@@ -223,6 +224,11 @@ class JUnitDisplay:
         self._report.cases[result.id] = point_case(result, now_s - self._last_s)
         self._last_s = now_s
         self._report.write_so_far()
+
+
+def _point_name(point: TestPoint) -> str:
+    """The name of a point's test, the same in a plan and in a run, so that a CI server shows its history."""
+    return f"{point.id} {point.described}"
 
 
 def point_case(point: PointResult, time_s: float, result: CampaignResult | None = None) -> Case:
@@ -237,7 +243,7 @@ def point_case(point: PointResult, time_s: float, result: CampaignResult | None 
     from rig.campaign.results import NOT_RUN, VALID
     from rig.cli.words import error_words
 
-    name = f"{point.id} {point.point.described}"
+    name = _point_name(point.point)
     if point.verdict == VALID:
         return Case(name, time_s=time_s)
     stop = None if result is None else result.stop
@@ -303,8 +309,7 @@ def take_plan(report: JUnitReport, plan: Plan) -> None:
         text = "\n".join(planned.reasons)
         outcome = Outcome.PASSED if planned.feasible else Outcome.FAILURE
         slug = "" if planned.feasible else planned.causes[0].slug
-        name = f"{planned.point.id} {planned.point.described}"
-        report.cases[planned.point.id] = Case(name, outcome, slug, text)
+        report.cases[planned.point.id] = Case(_point_name(planned.point), outcome, slug, text)
     report.output += plan.warnings
 
 
