@@ -72,17 +72,16 @@ function of_the_end(ended, note) {
 }
 
 function judge() {
-  const [kind, sign, verdict, why] = opinion(), banner = by_id("banner"), safe = Boolean(state.ended) && state.ended.rig_state === "safe";
-  if (banner.className !== kind) banner.className = kind;
-  for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
+  const found = opinion(), safe = Boolean(state.ended) && state.ended.rig_state === "safe";
+  show_verdict(found);
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); legends(); redraw(); }
   by_id("stop").hidden = over || safe; // until the run has reported its end, the process may still move the rod
   by_id("to-resume").hidden = !(standing.bench && standing.role === "operator" && state.ended && !state.ended.imported && points_left());
-  by_id("to-resume").href = `/?token=${encodeURIComponent(token)}&resume=${encodeURIComponent(run ? run.name : "")}`;
+  by_id("to-resume").href = `${with_token("/")}&resume=${encodeURIComponent(run ? run.name : "")}`;
   by_id("close").hidden = !(over && connected() && standing.role === "operator") || Boolean(standing.bench);
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && selected.some(Boolean)));
-  document.title = `${verdict} – MR damper rig`;
+  document.title = `${found[2]} – MR damper rig`;
   ages();
 }

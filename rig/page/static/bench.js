@@ -5,10 +5,9 @@ window.rigBench = { get state() { return state; }, get bench() { return bench; }
 
 const WORDS = {
   "lease-taken": "Another operator has control.", "viewer": "This address is for viewers; viewers can only stop the rig.",
-  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The run is not responding.",
+  "no-lease": NO_LEASE, "name-missing": "Type your name first.", "not-reached": "The run is not responding.",
   "not-running": "No run is in progress.",
 };
-const with_token = (path, own = token) => `${path}?token=${encodeURIComponent(own)}`;
 const report_of = (name) => with_token(`/report/${encodeURIComponent(name)}`, standing.report_token || token);
 function busy() { return Boolean(bench.phase) && bench.phase !== "idle"; }
 function frame() {}
@@ -63,11 +62,10 @@ function of_last(last) {
   return ["wait", "Ⅱ", "READY", last.ended === "finished" ? `${name}: all ${last.total} points valid.` : `${name}: ${last.ended}.`];
 }
 function judge() {
-  const [kind, sign, verdict, why] = opinion(), last = runs[0], banner = by_id("banner"), idle = connected() && !busy();
+  const found = opinion(), last = runs[0], idle = connected() && !busy();
   if (!connected()) sending = false;
-  if (banner.className !== kind) banner.className = kind;
-  for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
-  document.title = `${verdict} – ${bench.bench || "MR damper rig"}`;
+  show_verdict(found);
+  document.title = `${found[2]} – ${bench.bench || "MR damper rig"}`;
   by_id("stop").hidden = !["starting", "running"].includes(bench.phase);
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken));
   by_id("watch").hidden = !bench.run || bench.phase === "starting"; by_id("watch").href = with_token("/run");
@@ -75,7 +73,7 @@ function judge() {
   by_id("last-report").hidden = !(idle && last && last.report);
   if (last && by_id("last-report").dataset.name !== last.name + standing.report_token) { by_id("last-report").href = report_of(last.name); by_id("last-report").dataset.name = last.name + standing.report_token; }
   by_id("resume-last").hidden = !(idle && last && last.resumable && standing.role === "operator");
-  if (planning) { const text = `Planning ${planning} … ${duration((performance.now() - planned_at) / 1000)}`; if (by_id("plan-empty").textContent !== text) by_id("plan-empty").textContent = text; }
+  if (planning) write("plan-empty", `Planning ${planning} … ${duration((performance.now() - planned_at) / 1000)}`);
   by_id("plan-progress").hidden = !planning;
   buttons();
 }
@@ -83,11 +81,7 @@ function judge() {
 // Control
 
 function show_standing() {
-  const viewer = standing.role === "viewer", mine = standing.mine;
-  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
-  by_id("lease").hidden = viewer; by_id("take").hidden = mine; by_id("name").hidden = mine; document.querySelector("label[for=name]").hidden = mine; by_id("release").hidden = !mine;
-  by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
-  if (mine && by_id("answer").textContent === WORDS["no-lease"]) answer("");
+  show_lease(standing); document.querySelector("label[for=name]").hidden = standing.mine;
 }
 function buttons() {
   const may = standing.mine && connected() && !busy() && !going && !sending, ticks = [...document.querySelectorAll("#confirm input")];
@@ -98,7 +92,7 @@ function buttons() {
   set("start", may && plan && plan.feasible && !before && by_id("serial").value.trim());
   set("resume-now", may && asked && ticks.every((tick) => tick.checked) && (!asked.requalify || by_id("requalified").value.trim()));
   const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : before ? "First choose whether the stopped run is resumed." : plan && !by_id("serial").value.trim() ? "Enter the serial number of the specimen." : "";
-  if (by_id("why-not").textContent !== why) by_id("why-not").textContent = why;
+  write("why-not", why);
 }
 
 // Matrices and plan
@@ -170,7 +164,7 @@ function enter_serial(proposed) { // never that of a specimen that was tested be
 function show_serial() { // the plan states what would be started, and the hint what there is of this specimen
   const serial = by_id("serial").value.trim(), before = runs.find((run) => run.specimen === serial && serial);
   const count = runs.filter((run) => run.specimen === serial).length, hint = before ? `${serial} already has ${count === 1 ? "a run" : `${count} runs`} on file; the last one: ${local(before.started)}, ${before.ended}, ${before.valid} of ${before.total} points valid.` : "";
-  if (by_id("serial-hint").textContent !== hint) by_id("serial-hint").textContent = hint;
+  write("serial-hint", hint);
   const named = document.querySelector("#plan .serial"); if (named) named.textContent = serial || "(no serial number)";
 }
 function show_block(block) {
@@ -255,9 +249,6 @@ function answered(message) {
   answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");
 }
 
-by_id("stop").onclick = stop;
-by_id("lease").onsubmit = (event) => { event.preventDefault(); say({ do: "lease", name: by_id("name").value }); };
-by_id("release").onclick = () => say({ do: "release" });
 by_id("resume-last").onclick = () => ask_questions(runs[0].name);
 by_id("cancel").onclick = cancel;
 by_id("choose-resume").onclick = () => { const before = stopped_before(); if (before) ask_questions(before.name); };
@@ -266,10 +257,6 @@ by_id("serial").oninput = () => { show_serial(); buttons(); };
 by_id("requalified").oninput = buttons;
 by_id("begin").onsubmit = (event) => { event.preventDefault(); if (plan && !by_id("start").disabled) { stop_asked = null; sending = say({ do: "begin", matrix: plan.matrix, planned: plan.planned, serial_number: by_id("serial").value.trim(), specimen: by_id("specimen").value, note: by_id("note").value }); buttons(); } };
 by_id("resume").onsubmit = (event) => { event.preventDefault(); if (asked && !by_id("resume-now").disabled) { stop_asked = null; sending = say({ do: "resume", run: asked.run, confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value), requalified: by_id("requalified").value }); buttons(); } };
-document.addEventListener("keydown", (event) => {
-  const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
-  if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();
-});
 dark.addEventListener("change", theme);
-by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); theme(); };
+by_id("theme").onclick = () => { other_theme(); theme(); };
 theme(); connect(); setInterval(look_after, 250);

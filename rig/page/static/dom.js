@@ -1,4 +1,4 @@
-// Small helpers of both views. Text is always set as text, never as markup.
+// What both views have in common: small helpers, banner, control, theme. Text is always set as text, never as markup.
 
 const by_id = (id) => document.getElementById(id);
 function element(name, text, kind) {
@@ -11,6 +11,7 @@ function push_button(text, title, press) {
   const button = element("button", text); button.type = "button"; button.title = title; button.onclick = press;
   return button;
 }
+function write(id, text) { if (by_id(id).textContent !== text) by_id(id).textContent = text; } // only changes, which screen readers announce
 function answer(text) { by_id("answer").textContent = text; }
 function duration(s) {
   if (typeof s !== "number") return "";
@@ -21,3 +22,16 @@ function theme() {
   const chosen = localStorage.getItem("rig-page-theme");
   document.documentElement.classList.toggle("dark", chosen ? chosen === "dark" : dark.matches);
 }
+function other_theme() { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); }
+function show_verdict([kind, sign, verdict, why]) { // in the banner
+  if (by_id("banner").className !== kind) by_id("banner").className = kind;
+  write("sign", sign); write("verdict", verdict); write("why", why);
+}
+function show_lease(standing) { // who has control, and what this viewer may do about it
+  const viewer = standing.role === "viewer", mine = standing.mine;
+  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
+  by_id("lease").hidden = viewer; by_id("take").hidden = mine; by_id("name").hidden = mine; by_id("release").hidden = !mine;
+  by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
+  if (mine && by_id("answer").textContent === NO_LEASE) answer("");
+}
+const NO_LEASE = "Take control first.";

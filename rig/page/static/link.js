@@ -6,6 +6,7 @@ let socket = null, opened_at = 0, heard_at = 0, asked_at = 0, clock = null, wait
 let stop_asked = null; // { at, sent, taken, failed }: the last press of Stop
 
 const token = new URLSearchParams(location.search).get("token") || "";
+const with_token = (path, own = token) => `${path}?token=${encodeURIComponent(own)}`;
 let key = sessionStorage.getItem("rig-page-key");
 if (!key) {
   key = [...crypto.getRandomValues(new Uint8Array(18))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -58,3 +59,11 @@ function stop_answered(message) {
   if (message.ok && stop_asked) stop_asked.taken = performance.now();
   if (!message.ok) stop_asked = null;
 }
+
+by_id("stop").onclick = stop;
+document.addEventListener("keydown", (event) => {
+  const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
+  if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();
+});
+by_id("lease").onsubmit = (event) => { event.preventDefault(); say({ do: "lease", name: by_id("name").value }); };
+by_id("release").onclick = () => say({ do: "release" });

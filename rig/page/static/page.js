@@ -8,7 +8,7 @@ window.rigPage = { latencies_ms, pointer_ms, frames_ms, get series() { return se
 
 const MESSAGES = {
   "lease-taken": "Another operator has control.", "not-running": "No campaign is running.", "viewer": "This page is for viewers; viewers can only stop the rig.",
-  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The campaign is not responding.",
+  "no-lease": NO_LEASE, "name-missing": "Type your name first.", "not-reached": "The campaign is not responding.",
   "not-recorded": "The data for this point cannot be read.", "too-many-points": "Too many points were requested at once. Select them again.",
   "unknown-slug": "No explanation is available for this code.",
 };
@@ -122,7 +122,7 @@ function headings(old) {
   const shown_ids = selected.filter((each) => each && each.series).map((each) => each.id), one = old ? point(old.id) : null;
   const reading = selected.filter((each) => each && !each.series).map((each) => each.id);
   const of = (!old ? "" : shown_ids.length === 1 ? ` – ${old.id} as recorded${one ? `: ${describe(one)}` : ""}` : ` – ${few(shown_ids)} as recorded`) + (reading.length ? ` – reading ${few(reading)} …` : "");
-  for (const [id, text] of [["head-fx", `Force vs. displacement${of}`], ["head-fv", `Force vs. velocity${of}`], ["head-strips", old ? `Last 20 s of ${old.id} as recorded` : strips.kept ? "Zoomed in (not live); reset the zoom to follow the rig" : "Last 20 s"]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
+  for (const [id, text] of [["head-fx", `Force vs. displacement${of}`], ["head-fv", `Force vs. velocity${of}`], ["head-strips", old ? `Last 20 s of ${old.id} as recorded` : strips.kept ? "Zoomed in (not live); reset the zoom to follow the rig" : "Last 20 s"]]) write(id, text);
 }
 
 function take(message) {
@@ -199,13 +199,10 @@ for (const button of document.querySelectorAll(".reset")) button.onclick = () =>
   const plots = [...loops, ...trends].map(({ chart }) => chart.plot).concat(strips.lanes.map((lane) => lane.plot));
   for (const plot of plots) if (button.closest("section").contains(plot.box) && plot.view) plot.reset();
 };
-by_id("stop").onclick = stop;
 by_id("close").onclick = () => say({ do: "close" });
 by_id("start").onclick = () => say({ do: "start", confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value) });
 by_id("pause").onclick = () => say({ do: "pause" });
 by_id("set").onclick = () => say({ do: "set", number: Number(by_id("set").dataset.number) });
-by_id("lease").onsubmit = (event) => { event.preventDefault(); say({ do: "lease", name: by_id("name").value }); };
-by_id("release").onclick = () => say({ do: "release" });
 by_id("words").onsubmit = (event) => {
   event.preventDefault();
   const words = {}; if (by_id("specimen").value) words.specimen = by_id("specimen").value; if (by_id("note").value) words.note = by_id("note").value;
@@ -219,11 +216,9 @@ by_id("matrix").addEventListener("keydown", (event) => {
 });
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") close_explanation();
-  const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
-  if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();
 });
 
 function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); }
 dark.addEventListener("change", repaint);
-by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); repaint(); };
+by_id("theme").onclick = () => { other_theme(); repaint(); };
 repaint(); connect(); setInterval(look_after, 250);

@@ -160,13 +160,10 @@ function close_explanation() {
 
 function show_standing() {
   const mine = standing.mine, viewer = standing.role === "viewer", here = document.activeElement, move = mine && (here === by_id("take") || here === by_id("name"));
-  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
-  by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("name").hidden = mine; by_id("release").hidden = !mine; show_rig();
+  show_lease(standing); by_id("words").hidden = viewer; show_rig();
   by_id("to-bench").hidden = !standing.bench; by_id("to-report").hidden = !standing.report || !state.ended;
-  by_id("to-bench").href = `/?token=${encodeURIComponent(token)}`;
-  if (standing.report) by_id("to-report").href = `/report/${encodeURIComponent(standing.report)}?token=${encodeURIComponent(standing.report_token)}`;
-  by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
-  if (mine && by_id("answer").textContent === MESSAGES["no-lease"]) answer("");
+  by_id("to-bench").href = with_token("/");
+  if (standing.report) by_id("to-report").href = with_token(`/report/${encodeURIComponent(standing.report)}`, standing.report_token);
   buttons();
   if (move) (["set", "start", "pause"].map(by_id).find((one) => !one.disabled && one.offsetParent) || by_id("release")).focus(); // keep the keyboard focus on the active control
 }
