@@ -23,6 +23,10 @@ FEWEST_OF_A_SIDE = 3
 OWN_ROUNDS = 3
 KINK, KINK_ERRORS = 0.1, 4.0
 """Relative difference of the slopes on both sides of a crossing, and its standard errors, from which it is a kink."""
+EVEN_SLOPE = 0.7
+"""Least slope over the other, from which a record that begins at a crossing did not rest before it."""
+CUT_SAMPLES, CUT_SHARE = 1.25, 0.1
+"""A record is cut at a crossing that lies at most so many samples outside, or so much of the way to the hysteresis."""
 FULL_AMPLITUDE = 0.97  # of the typical greatest amplitude: below it a cycle belongs to a ramp
 HARMONICS = 9
 PEAK_SHARE = 0.04
@@ -141,7 +145,10 @@ def _cycles_about(t: FloatArray, u: FloatArray, level: float) -> Cycles:
 
 
 def _upward_crossings(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Times of upward zero crossings (s) and the index after each; between two, x went well below and well above."""
+    """Times of upward zero crossings (s) and the index after each; between two, x went well below and well above.
+
+    A record that was cut at a crossing has one there too: one of exactly three cycles has four crossings.
+    """
     band = CROSSING_HYSTERESIS * float(np.max(np.abs(x)))
     side = np.where(x > band, 1, np.where(x < -band, -1, 0))
     marked = np.flatnonzero(side)
@@ -154,7 +161,36 @@ def _upward_crossings(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray
             root = _own_root(t[low : high + 1], x[low : high + 1], root, after=k == rising[0])
         times.append(min(max(float(root), float(t[low])), float(t[high])))
         indices.append(low + int(np.searchsorted(t[low : high + 1], times[-1], side="left")))
+    if marked.size and side[marked[0]] > 0:
+        first_s = _root_at_end(t[: marked[0] + 1], x[: marked[0] + 1])
+        if first_s is not None:
+            times.insert(0, first_s)
+            indices.insert(0, int(np.searchsorted(t, first_s, side="left")))
+    if marked.size and side[marked[-1]] < 0:
+        last_s = _root_at_end(-t[: marked[-1] - 1 : -1], -x[: marked[-1] - 1 : -1])
+        if last_s is not None:
+            times.append(-last_s)
+            indices.append(int(np.searchsorted(t, -last_s, side="left")))
     return np.array(times), np.array(indices, dtype=np.int64)
+
+
+def _root_at_end(t: FloatArray, x: FloatArray) -> float | None:
+    """Where a record that was cut while it rose through zero began to (s); None where it rested or was cut elsewhere.
+
+    Args:
+        t: times (s) from the cut to where the motion stands well above zero, shape (n,).
+        x: distance from the level that is crossed (m), shape (n,).
+    """
+    if t.size < 2:
+        return None
+    middle = t.size // 2
+    if middle >= FEWEST_OF_A_SIDE:
+        slopes = [float(np.polyfit(t[part] - t[0], x[part], 1)[0]) for part in (slice(middle), slice(middle, None))]
+        if min(slopes) < EVEN_SLOPE * max(slopes):
+            return None
+    root_s = _root(t, x)
+    near_s = max(CUT_SAMPLES * float(t[1] - t[0]), CUT_SHARE * float(t[-1] - t[0]))
+    return root_s if root_s >= t[0] - near_s else None
 
 
 def _root(t: FloatArray, x: FloatArray) -> float:

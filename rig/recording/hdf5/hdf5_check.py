@@ -40,6 +40,8 @@ DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 SCALE_ATTRIBUTES = frozenset({"DIMENSION_LIST", "REFERENCE_LIST"})
 """Of dimension scales: references, which nothing here reads."""
 
+HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".tmp"})
+
 _checked: set[tuple[int, int, int, int]] = set()
 """Files already walked: device, inode, size and time of change."""
 
@@ -65,7 +67,8 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        raise FileProblem(str(path), [f"cannot be read as HDF5: {error}"]) from error
+        way_out = "" if path.suffix in HDF5_SUFFIXES else f"; a file of another program: rig import {path.name}"
+        raise FileProblem(str(path), [f"cannot be read as HDF5: {error}{way_out}"]) from error
     status = path.stat()
     identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
     if identity in _checked:

@@ -149,7 +149,8 @@ def test_one_current_stated_wrongly_among_twenty_is_named_and_the_others_are_not
         for test in measured
     ]
     first = identify(altered, model="lost_motion").diagnosis[0]
-    assert first.text.startswith("25mm0x25Hz_0.25A does not fit")
-    assert "a current of 0.25 A, not 0.75 A" in first.text
+    assert first.slug == "odd-test"
+    assert first.text.startswith("25mm0x25Hz_0.25A")
+    assert "0.25 A instead of 0.75 A" in first.text
     slugs = [cause.slug for cause in identify(measured, model="lost_motion").diagnosis]
     assert "odd-test" not in slugs

@@ -106,3 +106,21 @@ def test_the_shape_of_a_cycle_is_that_of_its_singular_values(samples: int, missi
     began_rad = math.atan2(first.imag, first.real) - 2.0 * math.pi * frequency_Hz * t[0]
     assert math.remainder(phase_rad - began_rad, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
     assert distortion == pytest.approx(np.sqrt(np.sum(np.abs(higher) ** 2)) / abs(first), abs=1e-9)
+
+
+@pytest.mark.parametrize("rate_Hz", [50.0, 250.0, 5000.0])
+@pytest.mark.parametrize("cut", [-0.03, 0.0, 0.03])
+@pytest.mark.parametrize("last", [0, 1])
+def test_a_record_cut_at_its_crossings_has_all_its_cycles(rate_Hz: float, cut: float, last: int) -> None:
+    t = np.arange(int(3 * rate_Hz) + last) / rate_Hz
+    noise = np.random.default_rng(3).normal(0.0, 1e-5, t.size)
+    found = find_cycles(t, 0.02 * np.sin(2.0 * np.pi * (t + cut)) + noise)
+    assert len(found) == (3 if cut == 0.0 else 2)
+    assert found.frequency_Hz == pytest.approx(1.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("rest", [3, 10, 100])
+def test_a_motion_that_starts_from_rest_has_no_crossing_there(rest: int) -> None:
+    motion = np.sin(2.0 * np.pi * np.arange(750) / 250.0)
+    u = 0.02 * np.concatenate((np.zeros(rest), motion, np.zeros(rest)))
+    assert find_cycles(np.arange(u.size) / 250.0, u).start_s - rest / 250.0 == pytest.approx([1.0, 2.0], abs=1e-3)
