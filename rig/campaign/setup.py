@@ -160,12 +160,13 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     """
     check_requirements(bench, matrix)
     planned = plan(matrix, bench)
-    lines = []
+    refused: dict[str, list[str]] = {}
     for item in planned.planned_points:
         if not item.feasible:
             fits = item.fits_text(planned.display)
-            lines.append(f"{item.point.id}: {'; '.join((*item.reasons, *([fits] if fits else [])))}")
-    if lines:
+            refused.setdefault("; ".join((*item.reasons, *([fits] if fits else []))), []).append(item.point.id)
+    if refused:
+        lines = [f"{', '.join(points)}: {why}" for why, points in refused.items()]
         raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; no motion "
             "was started:\n" + "\n".join(lines))
     if folder is not None:
