@@ -206,7 +206,9 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
         if key_of(model, name) == key and section_in(field.annotation) is None:
             homes.append("the top of the file, before the first table")
     if homes:
-        return f"this key is not allowed here. Fix: move it to {' or '.join(homes)}"
+        # A name that several tables have, such as `name`, was perhaps not meant for any of them.
+        others = f"; allowed here: {', '.join(keys_of(section))}" if len(homes) > 1 else ""
+        return f"this key is not allowed here. Fix: move it to {' or '.join(homes)}{others}"
     other_names: Mapping[str, str] = getattr(section, "other_names", {})
     if key in other_names:
         return f"unknown key; did you mean {other_names[key]}?"

@@ -447,7 +447,7 @@ class FitPlots:
         """
         from rig.identification.application.drawing import loops  # loads pandas or the compiled loops
 
-        return loops(self._fit.law, self._fit.shown_tests())
+        return loops(self._fit.behind_spring.law, self._fit.shown_tests())
 
 
 def _tests_of_files(fit: Fit) -> list[Measurement]:
