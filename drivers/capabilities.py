@@ -39,7 +39,8 @@ class Capabilities:
         e_stop_input: it sees the hard-wired chain.
         force_input: it measures a coarse force of its own.
         tried: its description was tried on such a device, or on one made from the maker's document alone.
-        triangle: it moves in triangles, too, not in sines alone.
+        sine, triangle: it moves in sines, in triangles.
+        watchdog_tested: the pressure at which its watchdog works and is tested: "off", "low" or "on".
         clock: it tells the time of its own clock; else the host's is taken.
         speed: it measures the rod's speed; else that is a difference of its positions.
     """
@@ -63,7 +64,9 @@ class Capabilities:
     e_stop_input: bool = False
     force_input: bool = False
     tried: bool = True
+    sine: bool = True
     triangle: bool = True
+    watchdog_tested: str = "off"
     clock: bool = True
     speed: bool = True
 
@@ -79,6 +82,11 @@ class Capabilities:
                 self.watchdog is not WatchdogKind.NONE,
                 "the actuator does not detect a failure of the host; only the coil current is set to 0 A, after "
                 "the time-out of the current source",
+            ),
+            "unpowered-watchdog": (
+                self.watchdog_tested == "off", "the watchdog works only under pressure (or power), so it is tested "
+                f"there: at level \"{self.watchdog_tested}\", at rest and at 0 A. Until the end of this test, only "
+                "this host can switch the pressure off"
             ),
             "hydraulics": (self.hydraulics, "the pressure cannot be switched off from this host; after a stop the "
                 "actuator holds its position"),

@@ -124,7 +124,7 @@ class DerivedStatus:
 
 def _range_s(clock: Quantity) -> float:
     """After how long a clock begins again (s)."""
-    return math.inf if clock.type in FLOATS else clock.step * 2.0 ** (16 * clock.length)
+    return math.inf if clock.type in FLOATS else clock.step * clock.numbers
 
 
 def _wide(clock: Quantity) -> bool:

@@ -173,6 +173,8 @@ class ModbusActuator:
     def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
         """Write a set-point and read the status, in one trip where the device can; never written again.
 
+        One with a handshake is handed over first.
+
         A watchdog that is not fed by the set-point's own write is fed by a write of its own before.
 
         Args:
@@ -182,10 +184,10 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
         """
-        requests = self._setpoints.setpoint(setpoint, watchdog_counter)
         if watchdog_counter is not None and not self._map.setpoint_feeds:
             for request in self._setpoints.feed(watchdog_counter):
                 self._access.write(request)
+        requests = self._setpoints.hand_over(setpoint, watchdog_counter, self._access)
         return self._poll(requests, once=True)
 
     def read_limits(self) -> ActuatorLimits:

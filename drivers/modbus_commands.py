@@ -202,7 +202,7 @@ class ModbusCommands:
         Raises:
             DriverError: it cannot be read or written.
         """
-        if self._map.recipes.setpoint:
+        if self._setpoints.holds_first:
             self._poll()
             for request in self._setpoints.setpoint(Setpoint(float(self._status.values["position"]), 0.0), None):
                 self._access.write(request)

@@ -117,8 +117,8 @@ class ModbusLink:
 
         Args:
             address: first register or coil.
-            words: 1..123 values, of coils 0 and 1.
-            function: 5, 6, 15 or 16.
+            words: 1..123 values, of coils 0 and 1; of function 22 the mask of the bits that stay, and the other bits.
+            function: 5, 6, 15, 16 or 22.
 
         Raises:
             NoAnswer: no answer; the device may have acted.

@@ -58,6 +58,20 @@ class RecipeRun:
             if isinstance(step, Write):
                 step.requests(self._given)
 
+    @property
+    def rest(self) -> Recipe:
+        """The steps from the one that was not over on."""
+        return self._steps[self._next :]
+
+    @property
+    def awaited(self) -> str:
+        """How long the present wait was allowed to last, and on what, for messages."""
+        step = self._steps[self._next]
+        if not isinstance(step, Wait):
+            return ""
+        names = ", ".join(sorted(quantity.name for quantity in step.condition.quantities))
+        return f"within {1e3 * step.within_s:g} ms (waiting for {names})"
+
     def restart(self) -> None:
         """Begin again with the first step."""
         self._next, self._until_s, self.outcome = 0, None, Outcome.UNDER_WAY

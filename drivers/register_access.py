@@ -8,7 +8,7 @@ from drivers.errors import Busy, NoAnswer, OtherAnswer, RequestRefused, WrongAns
 from drivers.modbus_link import READ_RETRIES, ModbusLink
 from drivers.register_maps.access_plan import Read, Rules, Written, reads
 from drivers.register_maps.condition import Values
-from drivers.register_maps.quantity import HOLDING, Quantity, Value
+from drivers.register_maps.quantity import HOLDING, MASK_WRITE, Quantity, Value
 from drivers.unreadable import READ_FUNCTIONS, explained
 from protocols.errors import RemoteProtocolError
 
@@ -34,6 +34,16 @@ class RegisterAccess:
         self.explains = False
         self._known: set[tuple[str, int, int]] = set()
 
+    @property
+    def device(self) -> str:
+        """Name of the device, for errors."""
+        return self._link.device
+
+    @property
+    def url(self) -> str:
+        """Where it is, for errors."""
+        return self._link.url
+
     def read(
         self, reads: Sequence[Read], name: str, requests: Sequence[Written] = (), *, once: bool = False
     ) -> dict[str, Value]:
@@ -53,7 +63,7 @@ class RegisterAccess:
             DriverError: the controller cannot be reached.
         """
         values: dict[str, Value] = {}
-        single = len(requests) == 1 and requests[0].function == WRITE_REGISTERS
+        single = len(requests) == 1 and requests[0].function == WRITE_REGISTERS and not requests[0].mask
         together = self._together and single and bool(reads) and reads[0].space == HOLDING
         if not together:
             for request in requests:
@@ -99,12 +109,19 @@ class RegisterAccess:
         return self.read(reads(quantities, self._rules), "wait")
 
     def write(self, request: Written) -> None:
-        """One write, once.
+        """One write, once; single bits by a mask, or put into the word that the device holds now.
+
+        The word is read before each such write: a bit that the device has taken back itself must not be set again.
 
         Raises:
             DriverError: the controller cannot be reached, or refuses.
         """
-        self._link.write(request.address, request.words, request.function)
+        words, kept = request.words, 0xFFFF ^ request.mask
+        if request.mask and request.function == MASK_WRITE:
+            words = (kept, words[0])
+        elif request.mask:
+            words = (self._link.read(request.address, 1)[0] & kept | words[0],)
+        self._link.write(request.address, words, request.function)
 
     def _write_again(self, request: Written) -> None:
         """A write that is harmless to repeat: once more after silence.

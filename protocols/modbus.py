@@ -21,6 +21,7 @@ from pymodbus.pdu.bit_message import (
     WriteSingleCoilRequest,
 )
 from pymodbus.pdu.register_message import (
+    MaskWriteRegisterRequest,
     ReadHoldingRegistersRequest,
     ReadInputRegistersRequest,
     ReadWriteMultipleRegistersRequest,
@@ -32,7 +33,7 @@ from pymodbus.pdu.register_message import (
 from protocols.errors import RemoteProtocolError
 
 READ_COILS, READ_DISCRETE, READ, READ_INPUT = 1, 2, 3, 4
-WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE, EXCHANGE = 5, 6, 15, 16, 23
+WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE, MASK_WRITE, EXCHANGE = 5, 6, 15, 16, 22, 23
 WRITES = frozenset({WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE})
 ECHOING = frozenset({WRITE_COIL, WRITE_REGISTER})
 """Functions whose answer repeats the request."""
@@ -50,6 +51,7 @@ _TCP = FramerSocket(_ANSWERS)
 _RTU = FramerRTU(_ANSWERS)
 _TCP_HEADER_SIZE = 7
 _CRC_SIZE = 2
+_MASK_ANSWER_SIZE = 10
 
 
 def _pdu(message: ModbusPDU) -> bytes:
@@ -66,7 +68,15 @@ def read_request(address: int, count: int, function: int = READ) -> bytes:
 
 
 def write_request(address: int, words: Sequence[int], function: int = WRITE) -> bytes:
-    """PDU of a write of `words` (1..123 registers, or coils 0 and 1) from `address`, by function 5, 6, 15 or 16."""
+    """PDU of a write from `address`, by function 5, 6, 15, 16 or 22.
+
+    Args:
+        address: first register or coil.
+        words: 1..123 registers, or coils 0 and 1; of function 22 the mask of the bits that stay, and the other bits.
+        function: 5, 6, 15, 16 or 22.
+    """
+    if function == MASK_WRITE:
+        return _pdu(MaskWriteRegisterRequest(address=address, and_mask=words[0], or_mask=words[1]))
     if function == WRITE_COIL:
         return _pdu(WriteSingleCoilRequest(address=address, bits=[bool(words[0])]))
     if function == WRITE_COILS:
@@ -129,7 +139,7 @@ def check_written(request: bytes, answer: bytes) -> None:
         RemoteProtocolError: another function, address or count.
     """
     _check_function(request, answer)
-    if answer != request[:5]:
+    if answer != request[: 7 if request[0] == MASK_WRITE else 5]:
         if request[0] in ECHOING and len(answer) == len(request) and answer[:3] == request[:3]:
             coil = request[0] == WRITE_COIL
             wrote, named = (_COIL_VALUES.get(one[3:5], one[3:5].hex()) if coil else str(int.from_bytes(one[3:5], "big"))
@@ -202,6 +212,8 @@ def rtu_answer_size(head: bytes, request: bytes) -> int | None:
         return ExceptionResponse.rtu_frame_size
     if head[1] != request[0]:
         raise RemoteProtocolError(f"the request has function {request[0]}, but the answer has function {head[1]}")
+    if head[1] == MASK_WRITE:
+        return _MASK_ANSWER_SIZE
     if head[1] in WRITES:
         return WriteMultipleRegistersResponse.rtu_frame_size
     return None if len(head) < 3 else 3 + head[2] + _CRC_SIZE

@@ -110,6 +110,7 @@ class Actuator:
         self.program_id = 0
         self.watchdog_echo = 0
         self._fed_s = math.nan
+        self.watchdog_pressure = 0
         self._own_faults = 0
         self.limits = ActuatorLimits(
             -options.position_limit_m, options.position_limit_m, options.speed_max_m_s, options.acceleration_max_m_s2,
@@ -169,6 +170,9 @@ class Actuator:
     def watchdog_starved(self) -> bool:
         """Whether a lease holder has fed the watchdog once and then not for `watchdog_ms` of wall time."""
         if self.faults.watchdog_absent or self.limits.watchdog_ms == 0 or math.isnan(self._fed_s):
+            return False
+        if int(self.plant.command["pressure"][0]) < self.watchdog_pressure:
+            self._fed_s = math.nan  # it does not work, and begins anew with the first feed after that
             return False
         return self.served_s - self._fed_s > self.limits.watchdog_ms * 1e-3
 

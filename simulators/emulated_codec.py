@@ -12,12 +12,16 @@ from collections.abc import Sequence
 from drivers.register_maps.quantity import Quantity
 
 SIGNED = frozenset({"i16", "i32", "i64"})
+DECIMAL = frozenset({"bcd16", "bcd32"})
+DIGIT_BITS = 4
 FLOATS = {"f32": (">f", ">I"), "f64": (">d", ">Q")}
 
 
 def raw_of(quantity: Quantity, value: float) -> int:
     """The bits (a number of 16 times its registers) that show a value (SI); what is beyond the register is its end."""
     bits = 16 * quantity.length
+    if quantity.type in DECIMAL:
+        return digits_of((value / quantity.factor - quantity.offset) / quantity.scale, quantity)
     if quantity.whole and isinstance(value, int):
         return value & (1 << bits) - 1  # a float would lose the last bits of 64
     shown = (value / quantity.factor - quantity.offset) / quantity.scale
@@ -30,6 +34,13 @@ def raw_of(quantity: Quantity, value: float) -> int:
     return max(low, min(high, math.floor(shown + 0.5))) & (1 << bits) - 1
 
 
+def digits_of(shown: float, quantity: Quantity) -> int:
+    """A number as decimal digits, each in four bits, the last in the lowest; what is beyond them is their end."""
+    count = 16 * quantity.length // DIGIT_BITS
+    number = max(0, min(10**count - 1, math.floor(shown + 0.5))) if math.isfinite(shown) else 0
+    return sum(number // 10**place % 10 << DIGIT_BITS * place for place in range(count))
+
+
 def value_of(quantity: Quantity, raw: int) -> float:
     """The value (SI) of a register's bits."""
     if quantity.type == "bit" or quantity.bit is not None:
@@ -37,6 +48,9 @@ def value_of(quantity: Quantity, raw: int) -> float:
     if quantity.type in FLOATS:
         number, whole = FLOATS[quantity.type]
         shown = float(struct.unpack(number, struct.pack(whole, raw))[0])
+    elif quantity.type in DECIMAL:
+        places = range(16 * quantity.length // DIGIT_BITS)
+        shown = float(sum((raw >> DIGIT_BITS * place & 0xF) * 10**place for place in places))
     else:
         bits = 16 * quantity.length
         shown = float(raw - (1 << bits) if quantity.type in SIGNED and raw >> bits - 1 else raw)
@@ -44,7 +58,7 @@ def value_of(quantity: Quantity, raw: int) -> float:
 
 
 def words_of(quantity: Quantity, raw: int, *, swapped: bool = False) -> list[int]:
-    """The registers that hold these bits, in the order of their addresses.
+    """The registers that hold these bits, in the order of their addresses; of a split value the highest word first.
 
     Args:
         quantity: says how many and in which order.

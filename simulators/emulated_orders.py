@@ -35,8 +35,8 @@ def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, e
     low_m, high_m = given.get("low", 0.0), given.get("high", 0.0)
     amplitude_m = given.get("amplitude", 0.5 * given.get("peak_to_peak", high_m - low_m))
     middle_m = 0.5 * (low_m + high_m) if "low" in given else actuator.seen_m
-    frequency_Hz = given["frequency"] if "frequency" in given else 1.0 / max(given["period"], 1e-6)
-    waveform = int(Waveform.SINE)
+    frequency_Hz = _frequency_Hz(given, amplitude_m)
+    waveform = int(Waveform.SINE if emulated.capabilities.sine else Waveform.TRIANGLE)
     if "waveform" in given:
         waveform = emulated.words.waveforms.meaning(whole(given["waveform"]))
     length, passes_Hz = whole(given.get("table_length", 0.0)), abs(frequency_Hz)
@@ -45,6 +45,14 @@ def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, e
         "centre": given.get("centre", middle_m), **_cycles(given, frequency_Hz), "table_length": length,
         "table_interval": given.get("table_interval", 1.0 / (passes_Hz * length) if passes_Hz and length else 0.0),
     }
+
+
+def _frequency_Hz(given: Mapping[str, float], amplitude_m: float) -> float:
+    if "frequency" in given:
+        return given["frequency"]
+    if "period" in given:
+        return 1.0 / max(given["period"], 1e-6)
+    return given["mean_speed"] / max(4.0 * amplitude_m, 1e-9)
 
 
 def whole(value: float) -> int:

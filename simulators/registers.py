@@ -16,13 +16,14 @@ from drivers.register_maps.controller_map import LIMIT_FIELDS, ControllerMap
 from drivers.register_maps.meanings import Codes
 from drivers.register_maps.quantity import BITS, HOLDING, LAST_ADDRESS, SPACES, Quantity
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
+from drivers.register_maps.read_recipes import TESTED
 from drivers.register_maps.recipe import Write
 from drivers.roles import Command, Pressure, Result, State, WatchdogAction
 from protocols.errors import LocalProtocolError
 from simulators.actuator import Actuator
 from simulators.controller_readings import ControllerReadings
 from simulators.emulated_bench import emulated_map
-from simulators.emulated_codec import bits_of, raw_of, text_words, value_of, words_of
+from simulators.emulated_codec import DECIMAL, bits_of, digits_of, raw_of, text_words, value_of, words_of
 from simulators.emulated_commands import Scripts, Seen, preconditions, scripts_of
 from simulators.emulated_orders import order_of, whole
 from simulators.emulated_status import EmulatedStatus, Registers, make
@@ -40,6 +41,8 @@ USUAL_SHARE = 0.1
 NO_LEASE = 1
 """Owner of a device without leases."""
 PRESSURES = (Pressure.OFF, Pressure.LOW, Pressure.ON)
+FOLLOWING = frozenset({State.HOLD, State.MOVING, State.RUNNING, State.FADING, State.HALTING})
+"""States of a machine that takes set-points."""
 CLOCKS = frozenset({"clock", "pulse_clock"})
 MODULAR = frozenset({"heartbeat", "pulse_count", "watchdog_echo", "program_id"})
 BY_MEANING = frozenset({"state", "fault_bits", "inputs"})
@@ -80,7 +83,11 @@ class RegisterBank:
         self._scripts = Scripts(
             scripts_of(emulated.recipes.commands), lambda one, value: raw_of(one, float(value)), self._raw
         )
-        self._before = preconditions(emulated.recipes.commands)
+        self._before = preconditions({**emulated.recipes.commands, Command.NONE: emulated.recipes.setpoint})
+        self._handovers = Scripts(
+            scripts_of({Command.NONE: emulated.recipes.setpoint} if emulated.setpoint_waits else {}),
+            lambda one, value: raw_of(one, float(value)), self._raw,
+        )
         self._restore_s = 0.0
         self._count = 0
         self._fed = 0
@@ -96,6 +103,7 @@ class RegisterBank:
         ]
         self._limits = sorted((named[name] for name in LIMITS if name in named), key=lambda one: one.address)
         self._meanings = [self._whole(one) for one in self._status.quantities]
+        self._shown_bits = _shown_bits(emulated)
         self._status_cells = _cells([*self._measured, *self._status.quantities])
         self._identity_cells = _cells(self._identity)
         self._limit_cells = _cells(self._limits)
@@ -103,7 +111,7 @@ class RegisterBank:
         written = [one for one in named.values() if one.written]
         self._ends: dict[Cell, list[Quantity]] = {}
         for one in written:
-            self._ends.setdefault((one.space, one.end - 1), []).append(one)
+            self._ends.setdefault((one.space, one.cells[-1]), []).append(one)
         self._writable = _cells(written) | self._spans() | self._pointers()
         self._satisfy(self._before, {})
         self.tick()
@@ -122,6 +130,7 @@ class RegisterBank:
         actuator = self.actuator
         if not self._map.capabilities.lease and actuator.owner == 0:
             actuator.owner = NO_LEASE
+        actuator.watchdog_pressure = TESTED.index(self._map.recipes.watchdog_tested)
         watched = self._map.capabilities.watchdog is not WatchdogKind.NONE
         if watched and actuator.limits.watchdog_ms == 0 and "watchdog_time" not in self._map.quantities:
             time_ms = round(1e3 * self._map.recipes.watchdog_s) or WATCHDOG_MS
@@ -154,14 +163,22 @@ class RegisterBank:
             return True
         before = dict(self._cells)
         self._cells |= cells
-        touched = [one for cell in cells for one in self._ends.get(cell, ())]
+        touched = self._touched(cells, before)
         if not self._take_limits({one.name for one in touched}):
             self._cells = before
             return False
         self._take_counters(touched)
+        self._take_handovers(touched)
         return self._take_table(touched) and self._take_commands(touched)
 
     # What a write means
+
+    def _touched(self, cells: Cells, before: Cells) -> list[Quantity]:
+        """The quantities that a write completes; of the bits of a register those that it changes, if it changes any."""
+        touched = [one for cell in cells for one in self._ends.get(cell, ())]
+        bits = [one for one in touched if one.bit is not None]
+        same = {one.name for one in bits if self._raw(one) == self._raw(one, before)}
+        return touched if len(same) == len(bits) else [one for one in touched if one.name not in same]
 
     def _take_limits(self, names: set[str]) -> bool:
         changed: dict[str, float] = {}
@@ -183,10 +200,23 @@ class RegisterBank:
             setpoint = self._setpoints.get(quantity.name)
             if quantity.name in self._feeds or setpoint == "$counter":
                 self._feed(self._raw(quantity), constant=not isinstance(self._feeds.get(quantity.name, "$"), str))
-            if setpoint == "$position":
+            if setpoint == "$position" and not self._map.setpoint_waits:
                 if not self._feeds and self._map.capabilities.watchdog is WatchdogKind.TIMEOUT:
                     self._feed(0, constant=True)
                 self._follow_position(value_of(quantity, self._raw(quantity)))
+
+    def _take_handovers(self, touched: Iterable[Quantity]) -> None:
+        """A set-point with a handshake: taken with the step that hands it over, acknowledged if the machine holds."""
+        for seen in self._handovers.take({one.name: self._raw(one) for one in touched}):
+            if self.actuator.state not in FOLLOWING:
+                continue
+            if seen.decides:
+                if not self._feeds and self._map.capabilities.watchdog is WatchdogKind.TIMEOUT:
+                    self._feed(0, constant=True)
+                position = next(name for name, value in self._setpoints.items() if value == "$position")
+                quantity = self._map.quantities[position]
+                self._follow_position(value_of(quantity, self._raw(quantity)))
+            self._satisfy(seen.waits, {})
 
     def _feed(self, counter: int, *, constant: bool) -> None:
         self._fed = (self._fed + 1) & 0xFFFF if constant else counter
@@ -266,7 +296,7 @@ class RegisterBank:
         for condition in conditions:
             tests = [
                 _resolved(test, given) for test in condition.tests
-                if test.quantity not in self._status.quantities and test.quantity.name not in ROLES
+                if not self._shows(test) and test.quantity.name not in ROLES
             ]
             registers: Registers = {
                 (test.quantity.space, test.quantity.address): self._raw(self._whole(test.quantity)) for test in tests
@@ -275,6 +305,14 @@ class RegisterBank:
             for test in tests:
                 whole = self._whole(test.quantity)
                 self._put(self._cells, whole, registers[whole.space, whole.address])
+
+    def _shows(self, test: Test) -> bool:
+        """The machine's state decides what a test looks at; of a word, that bit."""
+        bit = test.quantity.bit if test.bit is None else test.bit
+        cell = test.quantity.space, test.quantity.address
+        return test.quantity in self._status.quantities and (bit is None or not {None, bit}.isdisjoint(
+            self._shown_bits.get(cell, ())
+        ))
 
     # What is shown
 
@@ -349,10 +387,10 @@ class RegisterBank:
 
     def _raw(self, quantity: Quantity, live: Cells | None = None) -> int:
         """The bits that a host has written, or the device laid down, for a quantity; first of all what is `live`."""
-        held, live, space, at = self._cells, live or {}, quantity.space, quantity.address
+        held, live, space = self._cells, live or {}, quantity.space
         words = []
-        for place in range(quantity.length):
-            cell = (space, at + place)
+        for at in quantity.cells[: quantity.length]:
+            cell = (space, at)
             words.append(live[cell] if cell in live else held.get(cell, 0))
         if space in BITS:
             return words[0]
@@ -361,13 +399,12 @@ class RegisterBank:
 
     @staticmethod
     def _put(cells: Cells, quantity: Quantity, raw: int, *, swapped: bool = False) -> None:
-        space, at = quantity.space, quantity.address
+        space = quantity.space
         if space in BITS:
-            cells[space, at] = raw & 1
+            cells[space, quantity.address] = raw & 1
             return
-        for word in words_of(quantity, raw, swapped=swapped):
+        for at, word in zip(quantity.cells, words_of(quantity, raw, swapped=swapped), strict=False):
             cells[space, at] = word
-            at += 1
 
     @staticmethod
     def _whole(quantity: Quantity) -> Quantity:
@@ -377,12 +414,14 @@ class RegisterBank:
     def _pointed(self, cell: Cell) -> Cell:
         """Where what is shown at an address of the indirect data comes from."""
         indirect = self._map.indirect
-        if indirect is None or cell[0] != indirect.space or not 0 <= cell[1] - indirect.data < len(indirect.addresses):
+        if indirect is None or cell[0] != indirect.space or not 0 <= cell[1] - indirect.data < len(indirect.sources):
             return cell
-        at = indirect.pointers + (cell[1] - indirect.data) * indirect.pointer_registers
+        entry_of, further = indirect.entry_of(cell[1] - indirect.data)
+        at = indirect.pointers + entry_of * indirect.pointer_registers
         words = [self._cells.get((HOLDING, at + place), 0) for place in range(indirect.pointer_registers)]
         entry = sum(word << 16 * place for place, word in enumerate(reversed(words))) - indirect.pointer_offset
-        spaces = [one.space for one in indirect.quantities if one.address <= entry < one.end]
+        entry += further
+        spaces = [one.space for one in indirect.quantities if entry in one.cells]
         return (spaces[0], entry) if spaces else (HOLDING, entry)
 
     def _pointers(self) -> set[Cell]:
@@ -432,6 +471,8 @@ def _measured(quantity: Quantity, shown: Mapping[str, float]) -> int:
         number = int(shown[name] / (quantity.scale * quantity.factor) + 1e-6)
     else:
         return raw_of(quantity, float(shown[name]))
+    if quantity.type in DECIMAL:
+        return digits_of(number % quantity.numbers, quantity)
     return number & (1 << 16 * quantity.length) - 1
 
 
@@ -445,7 +486,27 @@ def _code(codes: Codes, number: int) -> int:
 
 
 def _cells(quantities: Iterable[Quantity]) -> set[Cell]:
-    return {(one.space, address) for one in quantities for address in range(one.address, one.end)}
+    return {(one.space, address) for one in quantities for address in one.cells}
+
+
+def _shown_bits(emulated: ControllerMap) -> dict[Cell, set[int | None]]:
+    """The bits of each register that the machine's state decides; None: all of them."""
+    words = emulated.words
+    rules = (*words.states.rules, *words.pressure.rules.values())
+    conditions = [rule.condition for rule in rules]
+    conditions += [condition for bits in (words.faults, words.inputs) for _, condition in bits.conditions]
+    shown: dict[Cell, set[int | None]] = {}
+    for condition in conditions:
+        for test in () if condition is None else condition.tests:
+            bit = test.quantity.bit if test.bit is None else test.bit
+            shown.setdefault((test.quantity.space, test.quantity.address), set()).add(bit)
+    for bits in (words.faults, words.inputs):
+        if bits.quantity is not None:
+            shown.setdefault((bits.quantity.space, bits.quantity.address), set()).add(None)
+    if "state" in emulated.quantities:
+        state = emulated.quantities["state"]
+        shown.setdefault((state.space, state.address), set()).add(None)
+    return shown
 
 
 def _allowed(emulated: ControllerMap) -> set[Cell]:

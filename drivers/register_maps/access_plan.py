@@ -90,18 +90,27 @@ def _fits(last: Read, quantity: Quantity, rules: Rules) -> bool:
 
 @dataclass(frozen=True)
 class Written:
-    """One request that writes: function code, first address, words or coils."""
+    """One request that writes.
+
+    Attributes:
+        function: its code.
+        address: first register or coil.
+        words: words or coils.
+        mask: bits of the one word that are written, the others stay; 0: all of them.
+    """
 
     function: int
     address: int
     words: tuple[int, ...]
+    mask: int = 0
 
 
 def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None) -> tuple[Written, ...]:
     """The requests that write these values (SI).
 
-    Neighbours travel together, where they may be written by function 16 or 15. Otherwise the order is that of
-    `values`; a run of neighbours comes where its last one stands.
+    Neighbours travel together, where they may be written by function 16 or 15, and so do the bits of one register.
+    Otherwise the order is that of `values`; a run of neighbours comes where its last one stands. The words of a split
+    value travel one by one.
 
     Args:
         values: quantity -> value.
@@ -116,9 +125,7 @@ def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None
     order = {quantity: place for place, quantity in enumerate(words)}
     runs: list[list[Quantity]] = []
     for quantity in sorted(words, key=lambda quantity: (quantity.space, quantity.address)):
-        before = runs[-1][-1] if runs else None
-        together = before is not None and before.space == quantity.space and before.end == quantity.address
-        if together and before is not None and before.write_function == quantity.write_function in {15, 16}:
+        if runs and _together(runs[-1][-1], quantity):
             runs[-1].append(quantity)
         else:
             runs.append([quantity])
@@ -126,8 +133,23 @@ def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None
     return tuple(request for run in runs for request in _requests(run, words))
 
 
+def _together(before: Quantity, quantity: Quantity) -> bool:
+    """Two quantities that one request can write, the second behind or in the register of the first."""
+    if before.space != quantity.space or before.write_function != quantity.write_function:
+        return False
+    if before.bit is not None or quantity.bit is not None:
+        return before.address == quantity.address and None not in {before.bit, quantity.bit}
+    adjacent = before.end == quantity.address and not before.places and not quantity.places
+    return adjacent and quantity.write_function in {15, 16}
+
+
 def _requests(run: list[Quantity], words: Mapping[Quantity, Sequence[int]]) -> Iterable[Written]:
     function, address = run[0].write_function, run[0].address
+    if run[0].bit is not None:
+        mask = sum(1 << quantity.bit for quantity in run if quantity.bit is not None)
+        return [Written(function, address, (sum(words[quantity][0] for quantity in run),), mask)]
+    if run[0].places:
+        return [Written(function, at, (word,)) for at, word in zip(run[0].cells, words[run[0]], strict=True)]
     together = [word for quantity in run for word in words[quantity]]
     if function in {5, 6}:
         return [Written(function, address + place, (word,)) for place, word in enumerate(together)]
@@ -140,8 +162,8 @@ def _requests(run: list[Quantity], words: Mapping[Quantity, Sequence[int]]) -> I
 def _spanned(words: Mapping[Quantity, Sequence[int]], span: tuple[int, int]) -> Written:
     content = [0] * (span[1] - span[0] + 1)
     for quantity, own in words.items():
-        at = quantity.address - span[0]
-        content[at : at + len(own)] = own
+        for at, word in zip(quantity.cells, own, strict=False):
+            content[at - span[0]] |= word
     return Written(16, span[0], tuple(content))
 
 

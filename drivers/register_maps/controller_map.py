@@ -59,9 +59,11 @@ class Recipes:
     Attributes:
         commands: the steps of each command that the device has.
         setpoint: each set-point; empty where the device has a generator of its own.
+        while_off: set-points may be sent while there is no pressure.
         feed: feeds the watchdog.
         table: loads `table_values` samples of a table waveform.
         watchdog_s: after how long the watchdog trips (s); 0: not stated.
+        watchdog_tested: the pressure at which it works: "off", "low" or "on".
     """
 
     commands: Mapping[Command, Recipe]
@@ -70,6 +72,8 @@ class Recipes:
     table: Recipe = ()
     table_values: int = 0
     watchdog_s: float = 0.0
+    watchdog_tested: str = "off"
+    while_off: bool = True
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,11 @@ class ControllerMap:
         """A set-point's write carries the watchdog's counter, too."""
         steps = (step for step in self.recipes.setpoint if isinstance(step, Write))
         return any("$counter" in step.values.values() for step in steps)
+
+    @cached_property
+    def setpoint_waits(self) -> bool:
+        """A set-point is handed over step by step, with an acknowledgement of the device."""
+        return not all(isinstance(step, Write) for step in self.recipes.setpoint)
 
     @cached_property
     def setpoint_has_speed(self) -> bool:

@@ -27,6 +27,7 @@ class Indirect:
         data: first register of the contents.
         quantities: whose registers are listed, in order.
         pointer_registers: registers that one entry of the list takes: 1, or 2 with the high word first.
+        by_value: the list has an entry for each value, its first register, and the device shows all of its registers.
         pointer_offset: added to an address for its entry.
     """
 
@@ -36,13 +37,37 @@ class Indirect:
     quantities: tuple[Quantity, ...]
     pointer_registers: int = 1
     pointer_offset: int = 0
+    by_value: bool = False
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """The entries: an address for each register of each quantity."""
+        """The entries: an address for each register of each quantity, or for each quantity."""
         return tuple(
-            address + self.pointer_offset for one in self.quantities for address in range(one.address, one.end)
+            address + self.pointer_offset
+            for one in self.quantities for address in (one.cells[:1] if self.by_value else one.cells)
         )
+
+    @property
+    def sources(self) -> tuple[int, ...]:
+        """The register that each register of the contents shows, in order."""
+        return tuple(address for one in self.quantities for address in one.cells)
+
+    def entry_of(self, place: int) -> tuple[int, int]:
+        """Which entry of the list a register of the contents is shown by, and how far behind the entry's address it is.
+
+        Args:
+            place: of the register, counted from the first of the contents.
+
+        Raises:
+            IndexError: beyond the last.
+        """
+        if not self.by_value:
+            return place, 0
+        for number, one in enumerate(self.quantities):
+            if place < len(one.cells):
+                return number, place
+            place -= len(one.cells)
+        raise IndexError(place)
 
     @property
     def requests(self) -> tuple[Written, ...]:
@@ -60,8 +85,8 @@ class Indirect:
         result: dict[str, Quantity] = {}
         at = self.data
         for one in self.quantities:
-            result[one.name] = replace(one, space=self.space, address=at, written=False)
-            at += one.end - one.address
+            result[one.name] = replace(one, space=self.space, address=at, places=(), written=False)
+            at += len(one.cells)
         return result
 
 
@@ -83,19 +108,23 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
             table.add(key, f"must be a whole number from {low} to {low + LAST_ADDRESS}")
             return None
     listed: list[Quantity] = []
+    by_value = table.get("pointer_for", "register") == "value"
     for name in table.get("quantities"):
         quantity = quantities.get(name)
         if quantity is None:
             table.add("quantities", f"{name!r} is not in [quantities]; {meant(name, quantities)}")
         elif quantity.space in BITS:
             table.add("quantities", f"{name!r} is not a register")
+        elif quantity.places and by_value:
+            table.add("quantities", f"{name!r} has registers at {' and '.join(map(str, quantity.cells))}, which a "
+                'single pointer cannot name. Fix: pointer_for = "register"')
         else:
             listed.append(quantity)
     width = table.get("pointer_registers", 1)
-    result = Indirect(space, pointers, data, tuple(listed), width, table.get("pointer_offset", 0))
-    count = len(result.addresses)
-    if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + count > LAST_ADDRESS + 1:
-        table.add(None, f"the {count} registers of this table extend beyond the last register, 65535")
+    result = Indirect(space, pointers, data, tuple(listed), width, table.get("pointer_offset", 0), by_value)
+    count, shown = len(result.addresses), len(result.sources)
+    if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + shown > LAST_ADDRESS + 1:
+        table.add(None, f"the {max(count, shown)} registers of this table extend beyond the last register, 65535")
     if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in result.addresses):
         table.add("pointer_offset", "an entry of the pointer table would not be a 16-bit number")
     return result

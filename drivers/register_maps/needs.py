@@ -44,13 +44,21 @@ def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdo
         force_input="force" in quantities,
         clock="clock" in quantities,
         speed="velocity" in quantities,
-        triangle=Command.START not in commands or _plays(commands[Command.START], words, Waveform.TRIANGLE),
+        sine=Command.START not in commands or not _only_triangles(words),
+        triangle=Command.START not in commands or _only_triangles(words)
+        or _plays(commands[Command.START], words, Waveform.TRIANGLE),
+        watchdog_tested=recipes.watchdog_tested,
     )
 
 
 def _plays(start: Recipe, words: Words, waveform: Waveform) -> bool:
     """The function generator is told which waveform, and has a code for this one."""
     return _asks_for(start, "$waveform") and int(waveform) in words.waveforms.codes
+
+
+def _only_triangles(words: Words) -> bool:
+    """The function generator goes between two points at one speed."""
+    return int(Waveform.TRIANGLE) in words.waveforms.codes and int(Waveform.SINE) not in words.waveforms.codes
 
 
 def is_numbered(quantities: Quantities, commands: Mapping[Command, Recipe]) -> bool:
@@ -86,7 +94,22 @@ def check(source: Kept, quantities: Quantities, words: Words, recipes: Recipes, 
     if (watchdog is not WatchdogKind.NONE or words.faults.members) and Command.RESET not in commands:
         source.add(("commands",), "reset is missing: without it, a trip latched by the device could not be cleared")
     _pressure(source, words, commands)
+    _tested(source, commands, watchdog, recipes.watchdog_tested)
     _numbers(source, quantities, words)
+
+
+def _tested(source: Kept, commands: Mapping[Command, Recipe], watchdog: WatchdogKind, tested: str) -> None:
+    """A watchdog that is tested under pressure is tested where this host can take the pressure away."""
+    if tested == "off":
+        return
+    place = ("watchdog", "tested")
+    if watchdog is WatchdogKind.NONE:
+        source.add(place, 'there is no watchdog to test, because kind is "none"')
+    elif Command.HYDRAULICS_OFF not in commands:
+        source.add(place, "a watchdog can be tested under pressure only if this host can switch the pressure (or "
+            "power) off. Fix: add hydraulics-on and hydraulics-off to [commands]")
+    elif tested == "low" and Command.HYDRAULICS_LOW not in commands:
+        source.add(place, 'there is no low pressure, because hydraulics-low is not in [commands]. Fix: tested = "on"')
 
 
 def _stops(source: Kept, commands: Mapping[Command, Recipe]) -> None:
@@ -106,7 +129,14 @@ def _stops(source: Kept, commands: Mapping[Command, Recipe]) -> None:
 def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     commands = recipes.commands
     generator = Command.START in commands
-    if not generator and not recipes.setpoint:
+    if not generator and not recipes.setpoint and Command.MOVE_TO in commands:
+        source.add(
+            ("commands",), "a device with move-to alone only moves from one position to another and stops there; a "
+                "damper test requires a periodic motion. Fix: if the device can move back and forth by itself, add "
+                "start (with [waveforms] triangle if it does so at constant speed); if it accepts a new position "
+                "during a motion, replace move-to by [setpoint]; otherwise this device cannot drive the rig"
+        )
+    elif not generator and not recipes.setpoint:
         source.add(
             ("commands",), "start is missing, and there is no [setpoint]. Fix: add start to use the device's "
                 "function generator, or [setpoint] to stream set-points"
@@ -131,15 +161,20 @@ def _program(source: Kept, start: Recipe, words: Words) -> None:
     low_and_high = _asks_for(start, "$low") and _asks_for(start, "$high")
     if not (_asks_for(start, "$amplitude") or _asks_for(start, "$peak_to_peak") or low_and_high):
         source.add(place, "the amplitude of the program is missing: write $amplitude, $peak_to_peak, or $low and $high")
-    if _asks_for(start, "$waveform") and int(Waveform.SINE) not in words.waveforms.codes:
-        source.add(("waveforms",), "sine is missing: this entry states the function generator's code for a sine")
+    shapes = {int(Waveform.SINE), int(Waveform.TRIANGLE)}
+    if _asks_for(start, "$waveform") and not shapes & words.waveforms.codes.keys():
+        source.add(("waveforms",), "sine or triangle is missing: these entries state the function generator's codes")
     for quantity in {one for step in start if isinstance(step, Write) for one, value in step.values.items()
                      if value == "$waveform"}:  # fmt: skip
         for waveform, codes in words.waveforms.codes.items():
             if not quantity.holds(codes[0]):
                 source.add(("waveforms", word(Waveform(waveform))), f"{codes[0]} does not fit {quantity.name}")
-    if not (_asks_for(start, "$frequency") or _asks_for(start, "$period")):
-        source.add(place, "the frequency of the program is missing: write $frequency or $period")
+    if not (_asks_for(start, "$frequency") or _asks_for(start, "$period") or _asks_for(start, "$mean_speed")):
+        source.add(place, "the frequency of the program is missing: write $frequency or $period, or $mean_speed for a "
+            "device that moves between two points at constant speed")
+    if _asks_for(start, "$mean_speed") and not _only_triangles(words):
+        source.add(place, "$mean_speed determines the frequency only of a device that moves between two points at "
+            "constant speed. Fix: write $frequency, or [waveforms] with triangle alone")
     ramped = _asks_for(start, "$ramp_in_cycles") or _asks_for(start, "$ramp_out_cycles")
     ramps = ramped and _asks_for(start, "$cycles")
     if not (_asks_for(start, "$all_cycles") or _asks_for(start, "$duration") or ramps):

@@ -3,8 +3,8 @@
     number in its unit = raw x scale + offset        SI = number in its unit x the unit's factor
 
 A value of more registers has its high word first (`word_order` "big") or last; within a register the high byte comes
-first (`byte_order` "big", as Modbus has it) or last. A text holds two characters a register, padded with zeros or
-blanks.
+first (`byte_order` "big", as Modbus has it) or last. The registers of a split value are not adjacent. A text holds two
+characters a register, padded with zeros or blanks. A BCD number has a decimal digit in every four bits.
 """
 
 from __future__ import annotations
@@ -26,14 +26,18 @@ READ_ONLY = frozenset({INPUT, DISCRETE})
 
 TYPES: Mapping[str, tuple[str, int]] = {
     "u16": ("H", 1), "i16": ("h", 1), "u32": ("I", 2), "i32": ("i", 2), "f32": ("f", 2),
-    "u64": ("Q", 4), "i64": ("q", 4), "f64": ("d", 4), "string": ("s", 0), "bit": ("?", 1),
+    "u64": ("Q", 4), "i64": ("q", 4), "f64": ("d", 4), "bcd16": ("H", 1), "bcd32": ("I", 2), "string": ("s", 0),
+    "bit": ("?", 1),
 }  # fmt: skip
 """Type -> (struct letter, registers); a string has the length that is stated."""
 WIRE_TYPES: Mapping[str, str] = {
     "u16": "uint16", "i16": "int16", "u32": "uint32", "i32": "int32", "f32": "float32", "u64": "uint64", "i64": "int64",
-    "f64": "float64", "string": "text", "bit": "bit",
+    "f64": "float64", "bcd16": "BCD of 4 digits", "bcd32": "BCD of 8 digits", "string": "text", "bit": "bit",
 }
 FLOATS = frozenset({"f32", "f64"})
+BCD = frozenset({"bcd16", "bcd32"})
+MASK_WRITE = 22
+"""Modbus function that writes single bits of a register."""
 LARGEST_FLOATS: Mapping[str, float] = {"f32": (2.0 - 2.0**-23) * 2.0**127, "f64": sys.float_info.max}
 LAST_ADDRESS = 0xFFFF
 
@@ -53,7 +57,10 @@ class Quantity:
         bit: which bit of the register it is, where it is only one; None: the whole register.
         whole: it is a whole number or a bit, neither scaled nor in a unit: it stays one.
         read, written: the host may.
-        write_function: 5, 6, 15 or 16.
+        write_function: 5, 6, 15 or 16; 22 for a single bit. A bit that is written by 6 or 16 is put into the word that
+            is read before.
+        places: of a split value, where each of its registers is behind `address`, the highest word first; empty where
+            the registers are adjacent.
     """
 
     name: str
@@ -72,6 +79,7 @@ class Quantity:
     read: bool = True
     written: bool = True
     write_function: int = 16
+    places: tuple[int, ...] = ()
     whole: bool = field(init=False, repr=False, compare=False)
     _words: struct.Struct = field(init=False, repr=False, compare=False)
     _number: struct.Struct = field(init=False, repr=False, compare=False)
@@ -79,7 +87,19 @@ class Quantity:
     @property
     def end(self) -> int:
         """First address behind it."""
-        return self.address + self.length * self.values
+        return self.address + (max(self.places) + 1 if self.places else self.length * self.values)
+
+    @property
+    def cells(self) -> Sequence[int]:
+        """The addresses of its words, in the order of the words."""
+        if self.places:
+            return [self.address + place for place in self.places]
+        return range(self.address, self.end)
+
+    @property
+    def numbers(self) -> int:
+        """How many raw numbers its registers can hold."""
+        return 10 ** (4 * self.length) if self.type in BCD else 1 << 16 * self.length
 
     def __post_init__(self) -> None:
         plain = (self.scale, self.offset, self.factor) == (1.0, 0.0, 1.0)
@@ -105,6 +125,8 @@ class Quantity:
         kind = {COIL: "coil", DISCRETE: "discrete input"}.get(self.space, f"{self.space} register")
         last = self.address + self.length - 1
         place = f"{kind} {self.address}" if last == self.address else f"{kind}s {self.address} to {last}"
+        if self.places:
+            place = f"{kind}s {' and '.join(map(str, self.cells))}"
         return f"{number}, {where}{place}"
 
     @property
@@ -116,15 +138,17 @@ class Quantity:
         )
 
     def decode(self, words: Sequence[int]) -> Value:
-        """The value (SI) of the words or coils that were read, `length` of them.
+        """The value (SI) of the words or coils that were read, from `address` up to `end`.
 
         Raises:
-            RemoteProtocolError: a word is not 16 bit, or a text is not ASCII.
+            RemoteProtocolError: a word is not 16 bit, a text is not ASCII, or a BCD digit is above 9.
         """
         if self.bit is not None:
             return words[0] >> self.bit & 1
         if self.type == "bit":
             return int(bool(words[0]))
+        if self.places:
+            words = [words[place] for place in self.places]
         ordered = words if self.word_order == "big" or self.type == "string" else words[::-1]
         try:
             raw = self._words.pack(*ordered)
@@ -135,8 +159,18 @@ class Quantity:
                 return raw.split(b"\0", 1)[0].decode("ascii").rstrip()
             except UnicodeDecodeError as error:
                 raise RemoteProtocolError(f"{self.name!r}: {raw!r} is not ASCII text") from error
-        number: int | float = self._number.unpack(raw)[0]
+        number: int | float = self._number.unpack(raw)[0] if self.type not in BCD else self._digits(raw)
         return number if self.whole else self._si(number)
+
+    def _digits(self, raw: bytes) -> int:
+        """The number of BCD digits.
+
+        Raises:
+            RemoteProtocolError: a digit is above 9.
+        """
+        if not raw.hex().isdecimal():
+            raise RemoteProtocolError(f"{self.name!r}: 0x{raw.hex().upper()} is not a BCD number")
+        return int(raw.hex())
 
     def _si(self, raw: float) -> float:
         shown = raw if self.scale == 1.0 else raw * self.scale
@@ -144,7 +178,7 @@ class Quantity:
         return shown if self.factor == 1.0 else shown * self.factor
 
     def encode(self, value: Value) -> list[int]:
-        """The words, or the coil, that hold a value (SI).
+        """The words, in the order of `cells`, or the coil, that hold a value (SI); of a bit, the word with it alone.
 
         Raises:
             LocalProtocolError: it does not fit.
@@ -153,10 +187,10 @@ class Quantity:
             raise self._unfit(value, "got a string, expected a number")
         if not math.isfinite(value):
             raise self._unfit(value, "not a finite number")
-        if self.type == "bit":
+        if self.type == "bit" or self.bit is not None:
             if value not in {0, 1}:
-                raise self._unfit(value, "expected 0 or 1 for a coil")
-            return [int(value)]
+                raise self._unfit(value, f"expected 0 or 1 for a {'coil' if self.bit is None else 'bit'}")
+            return [int(value) << (self.bit or 0)]
         number = (value / self.factor - self.offset) / self.scale
         try:
             if self.type in FLOATS:
@@ -164,11 +198,23 @@ class Quantity:
             elif self.whole and number != int(number):
                 raise self._unfit(value, "not a whole number")
             else:
-                raw = self._number.pack(int(value) if self.whole else round(number))
+                raw = self._number.pack(self._raw(int(value) if self.whole else round(number)))
         except (struct.error, OverflowError) as error:
             raise self._unfit(value, str(error)) from error
         words = list(struct.unpack(f"{'>' if self.byte_order == 'big' else '<'}{len(raw) // 2}H", raw))
         return words if self.word_order == "big" else words[::-1]
+
+    def _raw(self, number: int) -> int:
+        """A whole number as the bits of the registers.
+
+        Raises:
+            OverflowError: it has more digits than a BCD number can hold, or a sign.
+        """
+        if self.type not in BCD:
+            return number
+        if not 0 <= number < self.numbers:
+            raise OverflowError(f"allowed: 0 to {self.numbers - 1}")
+        return int(str(number), 16)
 
     def holds(self, value: Value) -> bool:
         """Whether a value fits."""
@@ -192,9 +238,9 @@ class Quantity:
         if self.type in FLOATS:
             raw: float = math.copysign(LARGEST_FLOATS[self.type], number)
         else:
-            bits = 1 if self.type == "bit" else 16 * self.length
-            least = -(1 << bits - 1) if self.type.startswith("i") else 0
-            raw = min(max(round(number), least), least + (1 << bits) - 1)
+            count = 2 if self.type == "bit" or self.bit is not None else self.numbers
+            least = -count // 2 if self.type.startswith("i") else 0
+            raw = min(max(round(number), least), least + count - 1)
         return raw if self.whole else self._si(raw)
 
     def _unfit(self, value: Value, why: str) -> LocalProtocolError:

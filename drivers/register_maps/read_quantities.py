@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.register_maps.access_plan import Rules
-from drivers.register_maps.entries import Table
+from drivers.register_maps.entries import Table, listed
 from drivers.register_maps.quantity import (
     BITS,
     COIL,
     FLOATS,
     HOLDING,
     LAST_ADDRESS,
+    MASK_WRITE,
     READ_ONLY,
     SPACES,
     TYPES,
@@ -88,6 +89,7 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
         quantity = _quantity(name, entry, modbus)
         if quantity is not None:
             _check(quantity, entry)
+            _check_split(quantity, entry, modbus)
             result[name] = quantity
     _overlaps(table, result)
     return result
@@ -96,16 +98,26 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
 def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     space = entry.get("function", modbus.space)
     bits = space in BITS
-    address = entry.get("address") - modbus.first_address[space]
+    first = modbus.first_address[space]
+    cells = [address - first for address in listed(entry.get("address"))]
+    address = min(cells)
     bit = entry.get("bit")
     kind = entry.get("type", "bit" if bits else "u16")
     if bits and kind != "bit":
         entry.add("type", f"{kind!r}: a {space} has only one bit. Fix: remove type")
         return None
-    if not 0 <= address <= LAST_ADDRESS:
-        first = modbus.first_address[space]
-        entry.add("address", f"{entry.get('address')} must be a whole number from {first} to {first + LAST_ADDRESS}")
+    if not (address >= 0 and max(cells) <= LAST_ADDRESS):
+        given = ", ".join(str(cell + first) for cell in cells)
+        entry.add("address", f"{given} must be a whole number from {first} to {first + LAST_ADDRESS}")
         return None
+    words = 1 if bits else TYPES[kind][1]
+    if len(cells) > 1 and (len(cells) != words or len(set(cells)) < words or "count" in entry):
+        entry.add("address", f"a value of type {kind} in separate registers requires {words or 'no list of'} different "
+            "addresses, the one of the highest word first, and no count")
+        return None
+    if len(cells) > 1 and "word_order" in entry:
+        entry.add("word_order", "contradicts the list of addresses, which states the order: the highest word comes "
+            "first. Fix: remove word_order")
     if kind == "bit" and not bits:
         if bit is None:
             entry.add("type", "type 'bit' applies only to a coil or a discrete input. Fix: for a bit of a "
@@ -114,8 +126,9 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
         kind = "u16"
     access = entry.get("access", "r" if space in READ_ONLY or bit is not None else "rw")
     function = entry.get("write_function", modbus.coil_function if space == COIL else modbus.write_function)
-    if function not in ((5, 15) if space == COIL else (6, 16)):
-        entry.add("write_function", f"{function} is not {'5 or 15' if space == COIL else '6 or 16'}")
+    allowed = (5, 15) if space == COIL else (6, 16) if bit is None else (6, 16, MASK_WRITE)
+    if function not in allowed:
+        entry.add("write_function", f"{function} is not {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}")
     if kind == "string" and "length" not in entry:
         entry.add(None, "length is missing. Fix: write length, a whole number from 1 to 120")
     elif "length" in entry and kind != "string":
@@ -124,8 +137,9 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     return Quantity(
         name, space, address, kind, length, entry.get("count", 1), _scale(entry), float(entry.get("offset", 0.0)),
         1.0 if (unit := unit_of(entry.get("unit", ""))) is None else unit.scale, measures(entry),
-        entry.get("word_order", modbus.word_order), entry.get("byte_order", modbus.byte_order),
-        bit, "r" in access, "w" in access, function,
+        "big" if len(cells) > 1 else entry.get("word_order", modbus.word_order),
+        entry.get("byte_order", modbus.byte_order), bit, "r" in access, "w" in access, function,
+        tuple(cell - address for cell in cells) if len(cells) > 1 else (),
     )  # fmt: skip
 
 
@@ -149,8 +163,12 @@ def _check(quantity: Quantity, entry: Table) -> None:
         entry.add("address", f"the {quantity.end - quantity.address} registers extend beyond the last register, 65535")
     if quantity.written and quantity.space in READ_ONLY:
         entry.add("access", f'{quantity.space} registers cannot be written. Fix: access = "r"')
-    if quantity.written and quantity.bit is not None:
-        entry.add("access", "a single bit of a register cannot be written. Fix: describe the whole register")
+    if quantity.bit is not None and quantity.written and not quantity.read and quantity.write_function != MASK_WRITE:
+        entry.add("access", "a bit is written into its register, whose other bits are read first. Fix: access = "
+            f'"rw", or write_function = {MASK_WRITE} if the device supports mask writes, or describe the whole '
+            "register")
+    if quantity.bit is not None and not quantity.whole:
+        entry.add("bit", "a single bit cannot have a scale, an offset or a unit")
     if quantity.type == "string" and (quantity.scale, quantity.offset, quantity.factor) != (1.0, 0.0, 1.0):
         entry.add("type", "a string cannot have a scale, an offset or a unit")
     _check_type(quantity, entry)
@@ -166,6 +184,23 @@ def _check(quantity: Quantity, entry: Table) -> None:
         entry.add("access", f'{name} is a limit, which is written and read back, so its access must be "rw"')
     if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):
         entry.add("count", f"{name} must be a single value")
+
+
+def _check_split(quantity: Quantity, entry: Table, modbus: Modbus) -> None:
+    """The registers of a split value are read by one request: read one after the other, the value could be torn."""
+    if not quantity.places or not quantity.read:
+        return
+    rules, first = modbus.rules, modbus.first_address[quantity.space]
+    low, high = quantity.address, quantity.end - 1
+    hole = next((hole for hole in rules.unreadable if hole[0] <= high and low <= hole[1]), None)
+    if high - low + 1 > rules.largest_read:
+        why = f"are {high - low + 1} registers apart, but a request reads at most {rules.largest_read}"
+    elif hole is not None:
+        why = f"enclose the unreadable registers {hole[0] + first} to {hole[1] + first}"
+    else:
+        return
+    entry.add("address", f"the registers {low + first} and {high + first} {why}; words that are read at different "
+        "times can belong to different values. Fix: use registers that one request can read, or [indirect]")
 
 
 def _check_type(quantity: Quantity, entry: Table) -> None:
@@ -185,13 +220,13 @@ def _overlaps(table: Table, result: Mapping[str, Quantity]) -> None:
     """No register means two things, but for its bits, and one thing read and another written."""
     taken: dict[tuple[str, int], Quantity] = {}
     for quantity in sorted(result.values(), key=lambda one: (one.space, one.address)):
-        for address in range(quantity.address, quantity.end):
+        for address in quantity.cells:
             other = taken.setdefault((quantity.space, address), quantity)
             bits = quantity.bit is not None or other.bit is not None
             both = (quantity.read and other.read) or (quantity.written and other.written)
             if other is not quantity and both and not bits:
                 table.add(
                     quantity.name, f"overlaps {other.name!r}: both use {quantity.space} {address} (wire address); "
-                    f"{other.name!r} occupies {other.address} to {other.end - 1}"
+                    f"{other.name!r} occupies {min(other.cells)} to {max(other.cells)}"
                 )
                 break

@@ -34,13 +34,18 @@ MOST_CALLS = 500
 """Recipes run by recipes, in one file: a few lines can ask for more than there will ever be time for."""
 MEASURES = {
     "target": "length", "position": "length", "amplitude": "length", "peak_to_peak": "length", "centre": "length",
-    "low": "length", "high": "length", "speed": "speed", "peak_speed": "speed", "velocity": "speed",
+    "low": "length", "high": "length", "speed": "speed", "peak_speed": "speed", "mean_speed": "speed",
+    "velocity": "speed",
     "frequency": "frequency", "period": "time", "duration": "time", "table_interval": "time", "values": "length",
 }  # fmt: skip
 """What a recipe's names measure, where the quantity's unit must measure the same."""
 COUNTS = {"counter": (0, 0xFFFF), "sequence": (0, 0xFFFF), "owner": (1, 0xFFFF), "toggle": (0, 1)}
 """Lowest and highest number of a recipe's names that count: the quantity must show each of them."""
 KINDS = ("counter", "keep-alive", "setpoints", "none")
+TESTED = ("off", "low", "on")
+"""Pressures at which a watchdog may be tested."""
+LONGEST_SETPOINT_S = 0.1
+"""The steps of a set-point hold up the poll that a stop may be waiting for."""
 
 
 class Recipes:
@@ -113,6 +118,11 @@ class Recipes:
         span = (first.address, last.end - 1)
         fits = all(span[0] <= one.address and one.end - 1 <= span[1] for one in inside)
         holding = all(one.space == HOLDING and one.write_function == 16 for one in (first, last, *inside))
+        bits = any(one.bit is not None for one in inside)
+        if bits:
+            step.add("span", "writes whole registers, but this step writes single bits. Fix: write the bits in a step "
+                "of their own")
+            return None
         if not (holding and fits and 0 < span[1] - span[0] + 1 <= LONGEST_SPAN):
             step.add(
                 "span", f"must cover at most {LONGEST_SPAN} holding registers, written by function 16, and include "
@@ -175,9 +185,26 @@ def read_setpoint(table: Table, recipes: Recipes) -> Recipe:
     """The table [setpoint]; empty where there is none."""
     if not table.given:
         return ()
-    steps = recipes.read(Table(table.source, (), {"setpoint": table.given}), "setpoint", SETPOINT)
-    if not any("$position" in step.values.values() for step in steps if isinstance(step, Write)):
+    if ("steps" in table) is ("write" in table):
+        table.add(None, "requires either write, or steps for a device with a handshake")
+        return ()
+    if "steps" in table:
+        steps = recipes.read(table, "steps", SETPOINT)
+    else:
+        steps = recipes.read(Table(table.source, (), {"setpoint": table.given}), "setpoint", SETPOINT)
+    written = [step for step in steps if isinstance(step, Write)]
+    if not any("$position" in step.values.values() for step in written):
         table.add(None, 'the set-point\'s position is missing: write = {setpoint = "$position"}')
+    torn = [one for step in written[-1:] for one, value in step.values.items() if one.places and isinstance(value, str)]
+    if torn:
+        table.add(None, f"the registers of {torn[0].name} are written one after the other, so the device could follow "
+            "a position made of an old and a new word. Fix: write the value in a step before the one that starts the "
+            "motion")
+    longest_s = sum(step.within_s if isinstance(step, Wait) else step.lasts_s for step in steps
+                    if not isinstance(step, Write))  # fmt: skip
+    if longest_s > LONGEST_SETPOINT_S:
+        table.add(None, f"the waits and pauses of a set-point take up to {1e3 * longest_s:g} ms; allowed: "
+            f"{1e3 * LONGEST_SETPOINT_S:g} ms in all, because a stop may have to wait for them")
     return steps
 
 

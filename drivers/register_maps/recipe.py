@@ -21,13 +21,14 @@ ANY = ("sequence", "owner", "position")
 """What every command has: its number, this host's id, where the rod is (m)."""
 MOVE = ("target", "speed")
 PROGRAM = (
-    "waveform", "amplitude", "peak_to_peak", "peak_speed", "frequency", "period", "centre", "low", "high", "cycles",
-    "ramp_in_cycles", "ramp_out_cycles", "all_cycles", "duration", "table_length", "table_interval",
+    "waveform", "amplitude", "peak_to_peak", "peak_speed", "mean_speed", "frequency", "period", "centre", "low", "high",
+    "cycles", "ramp_in_cycles", "ramp_out_cycles", "all_cycles", "duration", "table_length", "table_interval",
 )  # fmt: skip
-SETPOINT = ("position", "velocity", "sequence", "counter")
+SETPOINT = ("position", "velocity", "sequence", "counter", "toggle")
 WATCHDOG = ("counter", "toggle")
 TABLE = ("index", "count", "values")
 PEAK_SPEED = 6.283185307179586
+MEAN_SPEED = 4.0
 
 
 def names_for(command: Command) -> tuple[str, ...]:
@@ -111,6 +112,7 @@ def values_of(order: Move | Program | None, codes: Mapping[int, int]) -> dict[st
         "amplitude": amplitude_m,
         "peak_to_peak": 2.0 * amplitude_m,
         "peak_speed": PEAK_SPEED * amplitude_m * frequency_Hz,
+        "mean_speed": MEAN_SPEED * amplitude_m * frequency_Hz,
         "frequency": frequency_Hz,
         "period": 1.0 / frequency_Hz,
         "centre": order.centre_m,

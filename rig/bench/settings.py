@@ -208,6 +208,16 @@ class ActuatorConfig(Settings):
         """It moves in triangles, not in sines alone."""
         return self.capabilities.triangle
 
+    @property
+    def makes_sines(self) -> bool:
+        """It moves in sines, not in triangles alone."""
+        return self.capabilities.sine
+
+    @property
+    def watchdog_tested(self) -> str:
+        """The pressure at which its watchdog works and is tested: "off", "low" or "on"."""
+        return self.capabilities.watchdog_tested
+
     def problems(self) -> Iterator[Problem]:
         """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
         if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:

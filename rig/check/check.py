@@ -58,7 +58,8 @@ Report = Callable[[str], None]
 def check_bench(bench: Bench, folder: Path, report: Report, *, prove: bool = False) -> CheckReport:
     """Look at every device of a bench.
 
-    Without `prove` nothing moves and no current flows; the watchdog is starved only where there is no pressure.
+    Without `prove` nothing moves and no current flows; the watchdog is starved only where there is no pressure. One
+    that works only under pressure is starved only with `prove`.
 
     Args:
         bench: the rig.
@@ -144,6 +145,10 @@ class _Check:
     def _prove(self, *, move: bool) -> None:
         if not (move or self._pressure_off):
             self._unproved("the rig is under pressure")
+            return
+        if not move and self._config.actuator.watchdog_tested != "off":
+            self._unproved("it works only under pressure (or power). Fix: rig check --prove, which switches the "
+                "pressure on")
             return
         report = self.reports.of[ACTUATOR]
         try:

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Discriminator, Field, Tag
 from pydantic.config import JsonDict
 
 from drivers.register_maps.meanings import word
-from drivers.register_maps.read_recipes import COMMANDS, KINDS, STEPS
+from drivers.register_maps.read_recipes import COMMANDS, KINDS, STEPS, TESTED
 from drivers.roles import Command, FaultBit, Input, Pressure, ProgramPhase, Result, State, WatchdogAction, Waveform
 from rig.files.registers import (
     Address,
@@ -83,6 +83,20 @@ class Watchdog(DescriptionTable):
     time: Time | None = None
     write: Values | None = None
     span: tuple[str, str] | None = None
+    tested: Literal[TESTED] | None = Field(  # type: ignore[valid-type]  # the driver's own list
+        None, description="pressure (or power) at which the watchdog works and is tested; default off"
+    )
+
+
+class Setpoint(DescriptionTable):
+    """What each streamed set-point writes: values at once, or steps with a handshake."""
+
+    write: Values | None = None
+    span: tuple[str, str] | None = Field(None, description="first and last quantity; all registers from the first "
+        "to the last are written")
+    steps: Recipe | None = None
+    while_off: bool | None = Field(None, description="whether set-points may be sent while the pressure or power is "
+        "off; default true")
 
 
 class Indirect(DescriptionTable):
@@ -92,6 +106,7 @@ class Indirect(DescriptionTable):
     data: Address = Field(examples=[200])
     quantities: tuple[str, ...] = Field(min_length=1, examples=[["state", "position"]])
     function: Literal["holding", "input"] | None = None
+    pointer_for: Literal["register", "value"] | None = None
     pointer_registers: Literal[1, 2] | None = None
     pointer_offset: int | None = Field(None, ge=-0xFFFF, le=0xFF_FFFF)
 
@@ -152,7 +167,7 @@ class RegisterMapFile(DescriptionTable):
     watchdog_actions: Actions | None = None  # type: ignore[valid-type]  # the same
     commands: Commands | None = None  # type: ignore[valid-type]  # the same
     recipes: dict[str, Recipe] | None = None
-    setpoint: Written | None = None
+    setpoint: Setpoint | None = None
     watchdog: Watchdog | None = None
     table: Written | None = None
     indirect: Indirect | None = None

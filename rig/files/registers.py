@@ -20,6 +20,7 @@ LARGEST = 65_535 + 499_999
 LARGEST_NUMBER = 1e300
 
 Address = Annotated[int, Field(ge=0, le=LARGEST)]
+Addresses = Annotated[tuple[Address, ...], Field(min_length=1, max_length=4), OneOrMore()]
 Start = Annotated[int, Field(ge=0, le=499_999)]
 Order = Literal[ORDERS]  # type: ignore[valid-type]  # the driver's own list serves schema and message
 Space = Literal[SPACES]  # type: ignore[valid-type]  # the same
@@ -96,7 +97,7 @@ class Modbus(DescriptionTable):
 class QuantityEntry(DescriptionTable):
     """One value in a device's registers or coils."""
 
-    address: Address = Field(examples=[100])
+    address: Addresses = Field(examples=[100])
     function: Space | None = None
     type: Literal[tuple(TYPES)] | None = None  # type: ignore[valid-type]  # the driver's own list
     scale: Number | None = None
@@ -105,7 +106,7 @@ class QuantityEntry(DescriptionTable):
     word_order: Order | None = None
     byte_order: Order | None = None
     access: Literal[ACCESS] | None = None  # type: ignore[valid-type]  # the driver's own list
-    write_function: Literal[5, 6, 15, 16] | None = None
+    write_function: Literal[5, 6, 15, 16, 22] | None = None
     length: int | None = Field(None, ge=1, le=120)
     bit: int | None = Field(None, ge=0, le=15)
     count: int | None = Field(None, ge=1, le=120)

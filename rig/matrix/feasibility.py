@@ -159,6 +159,15 @@ def too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterato
         yield Reason("heat", text, rise_K / width_K)
 
 
+def _of_waveform(point: TestPoint, bench: Bench) -> Iterator[Reason]:
+    """What the controller's function generator does not produce."""
+    if point.waveform == "triangle" and not bench.actuator.makes_triangles:
+        yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
+    if point.waveform == "sine" and not bench.actuator.makes_sines:
+        text = "sine: the controller moves between two points at constant speed, which is a triangle"
+        yield Reason("waveform", f'{text}. Fix: waveform = "triangle"')
+
+
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     if _beyond(point.current_A, bench.limits.current_A):
         text = f"current {point.current_A:.3g} A is above the bench's limit, {bench.limits.current_A:.3g} A"
@@ -181,8 +190,7 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         samples = rate_Hz / point.frequency_Hz
         text = f"{samples:.3g} samples per cycle at {rate_Hz:.4g} Hz; a loop requires at least {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
-    if point.waveform == "triangle" and not bench.actuator.makes_triangles:
-        yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
+    yield from _of_waveform(point, bench)
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         return

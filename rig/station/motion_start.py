@@ -171,6 +171,8 @@ def _program(arguments: Arguments, devices: Devices) -> Program:
     waveform, limits = Waveform[name], devices.config.limits
     if waveform is Waveform.TRIANGLE and not devices.actuator.capabilities.triangle:
         raise StationRefused("matrix-infeasible", "start: this actuator generates only sine waveforms")
+    if waveform is Waveform.SINE and not devices.actuator.capabilities.sine:
+        raise StationRefused("matrix-infeasible", "start: this actuator generates only triangle waveforms")
     amplitude_m = number(arguments, "amplitude_m", 0.0, LARGEST_AMPLITUDE_M)
     frequency_Hz = number(arguments, "frequency_Hz", 1e-3, 1e3)
     centre_m = number(arguments, "centre_m", limits.position_min_m, limits.position_max_m)

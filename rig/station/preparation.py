@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 
 from drivers.capabilities import WatchdogKind
 from drivers.current_source import SourceFault, SourceIdentity
 from drivers.errors import DriverError
-from drivers.roles import ActuatorLimits, Command, FaultBit, State
+from drivers.roles import ActuatorLimits, ActuatorStatus, Command, FaultBit, State
 from rig.bench.controller_limits import controller_limits
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -26,6 +27,8 @@ LEAVING_SHARE, LEAVING_S = 1.5, 0.2
 FIRST_DATA_S = 3.0
 RATE_SAMPLES = 25
 READ_BACK_SHARE = 1e-6
+TEST_TRAVEL_M = 2e-3
+"""So far the trip of a watchdog that is tested under pressure may move the rod: as far as the rod may creep at rest."""
 PROBE_A = 0.2
 """Four times what counts as no current; a coil may have it at rest."""
 
@@ -245,14 +248,17 @@ class Preparation:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A after the test with "
                 f"{requested_A:g} A, expected 0 A")
 
-    def starve_watchdog(self) -> float | None:
+    def starve_watchdog(self, take_pressure_away: Callable[[], object] | None = None) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
+
+        Args:
+            take_pressure_away: does so and proves it, for a watchdog that is tested under pressure: before the reset.
 
         Returns:
             Wall seconds until it tripped; None for an actuator without a watchdog, which was said at connect.
 
         Raises:
-            StationRefused: it moves, it did not trip, or the trip does not clear.
+            StationRefused: it moves, it did not trip, its trip moved the rod, or the trip does not clear.
         """
         supervisor, actuator = self._supervisor, self._devices.actuator
         if actuator.capabilities.watchdog is WatchdogKind.NONE:
@@ -260,7 +266,7 @@ class Preparation:
         if not actuator.rests(monotonic_ns()):
             raise StationRefused("not-at-rest", "starve_watchdog: the actuator is moving or does not report standstill")
         # Many watchdogs run from the first feed on.
-        actuator.wait_fed(ACK_TIMEOUT_S)
+        before = actuator.wait_fed(ACK_TIMEOUT_S)
         begin_ns = monotonic_ns()
         allowed_s = 2.0 * self._config.actuator.watchdog_s + ACK_TIMEOUT_S
         supervisor.starve(proving=True, feeding=False)
@@ -274,6 +280,9 @@ class Preparation:
                     "watchdog-absent", f"the controller did not trip within {allowed_s:g} s after the watchdog refresh "
                         "had stopped"
                 )
+            if take_pressure_away is not None:
+                _refuse_moved(before, tripped)
+                take_pressure_away()
             self._commands.command(Command.RESET)
             self._commands.await_status(
                 lambda status: status.fault_bits == 0, "controller-trip", "the trip caused by the watchdog test cannot "
@@ -318,4 +327,18 @@ class Preparation:
         self._commands.await_status(
             lambda status: not status.tripped, "controller-trip", "the watchdog trip at the end of the session cannot "
                 "be reset"
+        )
+
+
+def _refuse_moved(before: ActuatorStatus | None, tripped: ActuatorStatus) -> None:
+    """A watchdog's trip under pressure ends a motion; it makes none.
+
+    Raises:
+        StationRefused: the rod moved, or that is not known.
+    """
+    moved_m = math.nan if before is None else abs(tripped.position_m - before.position_m)
+    if not moved_m <= TEST_TRAVEL_M:
+        raise StationRefused(
+            "not-at-rest", f"starve_watchdog: the rod moved {1e3 * moved_m:.2f} mm during the test of the watchdog "
+            f"under pressure; allowed: {1e3 * TEST_TRAVEL_M:g} mm"
         )

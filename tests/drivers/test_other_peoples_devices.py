@@ -19,6 +19,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.connection import ActuatorConnection
+from drivers.errors import Busy
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.map_file import controller
 from drivers.roles import ActuatorStatus, Command, Pressure, State
@@ -304,3 +305,74 @@ def test_control_is_taken_and_given_back_without_an_owner(driven: Callable[[str,
     actuator.send(Command.ACQUIRE)
     actuator.send(Command.RELEASE)
     assert device.orders == [7, 8]
+
+
+SINGLE_BITS = CIA402.replace(
+    'target = {address = 0x7A, type = "i32", unit = "um"}',
+    """target = {address = 0x7A, type = "i32", unit = "um"}
+new_setpoint = {address = 0x40, bit = 4, access = "rw", write_function = FUNCTION}
+at_once = {address = 0x40, bit = 5, access = "rw", write_function = FUNCTION}""",
+).replace(
+    'write = {target = "$position"}',
+    """steps = [
+    {write = {target = "$position"}},
+    {write = {new_setpoint = 1, at_once = 1}},
+    {wait = {quantity = "status_word", bit = 12}, within = "40 ms"},
+    {write = {new_setpoint = 0}},
+    {wait = {quantity = "status_word", bit = 12, equals = 0}, within = "40 ms"},
+]""",
+)
+
+
+class Handshake(Cia402):
+    """Takes a target with an edge of bit 4 and acknowledges it in bit 12."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.taken: list[int] = []
+        self.acknowledges = True
+
+    def shown(self) -> dict[int, int]:
+        shown = super().shown()
+        acknowledged = self.acknowledges and self.words.get(0x40, 0) & 0x10
+        return shown | {0x41: shown[0x41] | 0x1000 * bool(acknowledged)}
+
+    def written(self, address: int) -> None:
+        before = self.orders[-1] if self.orders else 0
+        super().written(address)
+        if address == 0x40 and self.powered and self.words[0x40] & 0x10 and not before & 0x10:
+            self.taken.append(self.words[0x7A] << 16 | self.words[0x7B])
+
+
+@pytest.mark.parametrize("function", [6, 16, 22])
+def test_single_bits_hand_a_set_point_over_and_leave_the_others(
+    function: int, driven: Callable[[str, Device], ModbusActuator]
+) -> None:
+    device = Handshake()
+    actuator = driven(SINGLE_BITS.replace("FUNCTION", str(function)), device)
+    actuator.send(Command.HYDRAULICS_ON)
+    settled(actuator, State.HOLD)
+    device.words[0x40] |= 0x40
+    for target_m in (0.001, 0.002, 0.002):
+        actuator.follow(Setpoint(target_m, 0.0), 1)
+    assert device.taken == [1000, 2000, 2000], "one edge each"
+    assert device.words[0x40] == 0x6F, "bits 0 to 3 as before, bit 5 set, bit 4 taken back, bit 6 as the test left it"
+    device.words[0x40] &= ~0x40
+    actuator.follow(Setpoint(0.003, 0.0), 2)
+    assert not device.words[0x40] & 0x40, "a bit that the device has taken back is not set again"
+
+
+def test_a_set_point_that_is_not_acknowledged_is_taken_back_and_told(
+    driven: Callable[[str, Device], ModbusActuator]
+) -> None:
+    device = Handshake()
+    actuator = driven(SINGLE_BITS.replace("FUNCTION", "22"), device)
+    actuator.send(Command.HYDRAULICS_ON)
+    settled(actuator, State.HOLD)
+    device.acknowledges = False
+    with pytest.raises(Busy, match="within 40 ms"):
+        actuator.follow(Setpoint(0.001, 0.0), 1)
+    assert device.words[0x40] & 0x10 == 0, "the next set-point has an edge again"
+    device.acknowledges = True
+    actuator.follow(Setpoint(0.002, 0.0), 2)
+    assert device.taken == [1000, 2000]

@@ -331,6 +331,17 @@ def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(devic
     assert (status.position_m, status.state) == (pytest.approx(0.0125), State.HOLD)
 
 
+def test_one_pointer_shows_all_registers_of_a_value(device: Device) -> None:
+    text = STREAMED.replace("[setpoint]", "[indirect]\npointers = 700\ndata = 800\npointer_for = \"value\"\n"
+                            "quantities = [\"position\", \"clock\", \"enable\"]\n[setpoint]")  # fmt: skip
+    device.words["holding"][800:804] = [0x4148, 0, 7, 1]
+    actuator = driven(device, text)
+    assert device.requests == [bytes.fromhex("1002bc000306" + "0000" + "0002" + "001e")]
+    status = actuator.read_status()
+    assert device.requests[1:] == [bytes.fromhex("0303200004")]
+    assert (status.position_m, status.state) == (pytest.approx(0.0125), State.HOLD)
+
+
 NUMBERED = """
 [quantities]
 status = {address = 0}

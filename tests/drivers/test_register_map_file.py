@@ -10,9 +10,11 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from drivers.capabilities import WatchdogKind
+from drivers.register_maps.access_plan import writes
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.map_file import FOLDER, controller
 from drivers.roles import ActuatorLimits, Command, FaultBit, Input, State
+from protocols.errors import LocalProtocolError, RemoteProtocolError
 from rig.bench.model import Bench
 from rig.cli.schema import SCHEMAS
 from rig.errors import FileProblem
@@ -107,6 +109,33 @@ def test_every_type_is_read_as_the_standards_have_it(kind: str, registers: list[
     assert read(text).quantities["other"].decode(registers) == pytest.approx(value, rel=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("entry", "words", "value"),
+    [
+        ('address = 50, type = "bcd16"', [0x1234], 1234), ('address = 50, type = "bcd32"', [0x1234, 0x5678], 12345678),
+        ('address = 50, type = "bcd32", word_order = "little", scale = 0.01, unit = "mm"', [0x5678, 0x0012], 1.25678),
+        ('address = [53, 50], type = "i32"', [0xFFFE, 9, 9, 0xFFFF], -2),
+        ('address = [50, 52], type = "f32"', [0x4148, 9, 0], 12.5),
+        ('address = [51, 50], type = "bcd32"', [0x0042, 0x0007], 70042),
+    ],
+)
+def test_decimal_digits_and_registers_apart_are_read_and_written(entry: str, words: list[int], value: float) -> None:
+    made = read(edited(("alarms    = {address = 3", f"other = {{{entry}}}\nalarms = {{address = 3")))
+    other = made.quantities["other"]
+    assert other.decode(words) == pytest.approx(value)
+    written = {one.address: one.words for one in writes({other: value})}
+    laid = {at + i: word for at, words in written.items() for i, word in enumerate(words)}
+    assert laid == {50 + i: word for i, word in enumerate(words) if word != 9}
+
+
+def test_a_number_that_is_not_decimal_is_no_value() -> None:
+    made = read(edited(("alarms    = {address = 3", 'other = {address = 50, type = "bcd16"}\nalarms = {address = 3')))
+    with pytest.raises(RemoteProtocolError, match="0x12A4 is not a BCD number"):
+        made.quantities["other"].decode([0x12A4])
+    with pytest.raises(LocalProtocolError, match="0 to 9999"):
+        made.quantities["other"].encode(10000)
+
+
 def test_addresses_may_be_numbered_as_the_manual_does() -> None:
     first = "[modbus]\nfirst_address = {holding = 40001, input = 30001, coil = 1}\n[quantities]"
     text = edited(("[quantities]", first), ("address = 0, function = \"coil\"", "address = 5, function = \"coil\""))
@@ -183,6 +212,14 @@ WRONG = [
     (("[faults]", "[setpoint]\nwrite = {target = \"$position\"}\n[faults]"), "a device with a function generator"),
     (("[faults]", "[indirect]\npointers = 1\ndata = 2\nquantities = [\"x\"]\n[faults]"), "'x' is not in"),
     (("format = 1", "format = 2"), "must be 1"),
+    (("frequency = {address = 104", "frequency = {address = [104, 110]"), "requires 1 different addresses"),
+    (("alarms    = {address = 3,", 'alarms = {address = [3, 200], type = "u32",'), "198 registers apart.*at most 125"),
+    (("alarms    = {address = 3,", "alarms = {address = [3, 3], type = 'u32',"), "requires 2 different addresses"),
+    (("pump      = {address = 0, function = \"coil\"}", "pump = {address = 90, bit = 2, access = 'w'}"), "read first"),
+    (("pump      = {address = 0,", "pump = {address = 0, write_function = 22,"), "22 is not 5 or 15"),
+    (("move-to = [{write = {target = \"$target\", speed = \"$speed\"}}, {write = {command = 1}}]\nstart = [\n"
+      "    {write = {amplitude = \"$amplitude\", frequency = \"$frequency\", cycles = \"$all_cycles\"}},\n"
+      "    {write = {command = 2}},\n]", "move-to = {write = {target = \"$target\"}}"), "only moves from one position"),
     (("format = 1", "format_ = 1"), "did you mean format"),
     (("[state] ", "[stat] "), "did you mean state"),
 ]  # fmt: skip
@@ -324,7 +361,8 @@ def test_a_generator_that_has_no_waveform_command_makes_sines_only() -> None:
     )
     assert read(edited_map).capabilities.triangle
     assert not read(edited_map.replace("triangle = 2", "")).capabilities.triangle
-    assert any("sine is missing" in edited_map for edited_map in problems(edited_map.replace("sine = 1", "")))
+    only = read(edited_map.replace("sine = 1", "")).capabilities
+    assert (only.sine, only.triangle) == (False, True), "it goes between two points"
 
 
 def test_a_bench_that_counts_on_a_watchdog_before_it_trips_is_refused(tmp_path: Path) -> None:

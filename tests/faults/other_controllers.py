@@ -186,3 +186,74 @@ class FloatDrive(OtherController):
             raw = struct.pack(">4H", *(self.words[22 + i] for i in range(4)))
             position_mm, speed_mm_s = struct.unpack(">ff", raw)
             self.follow(1e-3 * position_mm, 1e-3 * speed_mm_s)
+
+
+STAGE_OF = {0x06: 1, 0x07: 2, 0x0F: 3}
+STATUS_OF = {0: 0x240, 1: 0x221, 2: 0x233, 3: 0x237}
+"""Switch-on disabled, ready to switch on, switched on, operation enabled (IEC 61800-7-201)."""
+
+
+class Cia402Drive(OtherController):
+    """The state machine and the set-point handshake of IEC 61800-7-201, registers numbered by object index.
+
+    Attributes:
+        handed_over: set-points that were taken with an edge of "new set-point".
+        ignored: set-points written while the power stage was off.
+    """
+
+    ranges = ((0x1000, 1), (0x603F, 3), (0x6060, 1), (0x6064, 2), (0x606C, 2), (0x607A, 2))
+    def __init__(self, rig: SimulatedRig) -> None:
+        super().__init__(rig)
+        self.stage = 0
+        self.control = 0
+        self.acknowledged = False
+        self.handed_over = self.ignored = 0
+
+    def shown(self) -> dict[int, int]:
+        fault = self.actuator.tripped
+        status = 0x08 | (0x07 if self.pressure == 2 else 0) if fault else STATUS_OF[self.stage]
+        status |= 0x1000 * self.acknowledged
+        error = 0x8611 if self.actuator.fault_bits & FaultBit.FOLLOWING_ERROR else 0xFF01 if fault else 0
+        shown = {0x1000: 402, 0x603F: error, 0x6041: status}
+        for at, value in ((0x6064, self.actuator.seen_m), (0x606C, self.actuator.plant.value("velocity_m_s"))):
+            shown[at], shown[at + 1] = struct.unpack(">HH", struct.pack(">i", round(1e6 * value)))
+        return shown
+
+    def written(self, address: int, count: int) -> None:
+        if address <= 0x607A < address + count and self.stage < 3:
+            self.ignored += 1
+        if address == 0x6040:
+            before, self.control = self.control, self.words[0x6040]
+            self.take_control(before, self.control)
+
+    def take_control(self, before: int, word: int) -> None:
+        if word & 0x80 and not before & 0x80:
+            self.order(Command.RESET)
+            self.stage = 0
+        elif not word & 0x02:
+            self.order(Command.HYDRAULICS_OFF)
+            self.stage = 0
+        elif word & 0x100:
+            self.order(Command.HALT)
+        elif not self.actuator.tripped:
+            wanted = STAGE_OF[word & 0x0F]
+            assert wanted <= self.stage + 1, "a state is left out"
+            self.enable(wanted)
+        if self.stage == 3 and word & 0x10 and not before & 0x10:
+            self.hand_over()
+        self.acknowledged = self.stage == 3 and bool(word & 0x10)
+
+    def enable(self, wanted: int) -> None:
+        if wanted == 3 and self.stage < 3:
+            self.order(Command.HYDRAULICS_LOW)
+            self.order(Command.HYDRAULICS_ON)
+        self.stage = wanted
+
+    def hand_over(self) -> None:
+        self.handed_over += 1
+        target_um = struct.unpack(">i", struct.pack(">HH", self.words[0x607A], self.words[0x607B]))[0]
+        self.follow(1e-6 * target_um)
+
+    def watch(self) -> None:
+        if self.actuator.tripped and self.pressure == 0:
+            self.stage = 0

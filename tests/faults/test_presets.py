@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from end_states import assert_no_current
-from other_controllers import DeltaRmc, DeltaRmcHighFirst, FloatDrive, OtherController
+from other_controllers import Cia402Drive, DeltaRmc, DeltaRmcHighFirst, FloatDrive, OtherController
 from preset_campaign import begun
 from scenario_campaign import SEED
 from watched_campaign import Ending
@@ -23,7 +23,9 @@ def ended(folder: Path, name: str, controller: type[OtherController], *simulator
 
 @pytest.mark.few(1)
 @pytest.mark.apart
-@pytest.mark.parametrize(("name", "controller"), [("delta-rmc", DeltaRmc), ("float-drive", FloatDrive)])
+@pytest.mark.parametrize(
+    ("name", "controller"), [("delta-rmc", DeltaRmc), ("float-drive", FloatDrive), ("cia402-drive", Cia402Drive)]
+)
 def test_a_matrix_runs_to_its_end(name: str, controller: type[OtherController], tmp_path: Path) -> None:
     ending = ended(tmp_path, name, controller)
     assert ending.exit_code == 0, ending.output

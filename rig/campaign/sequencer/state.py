@@ -100,6 +100,7 @@ class Conditions:
         longest_s: longest warming up or cooling down before a point or a restart (s, rig's clock).
         demagnetise: the coil's core is demagnetised before another current.
         hand: how a person is asked for the current; None where a device drives it.
+        powered_test: the watchdog is tested under pressure.
     """
 
     tolerance: float | None = None
@@ -110,6 +111,7 @@ class Conditions:
     longest_s: float = 3600.0
     demagnetise: bool = False
     hand: ManualState | None = None
+    powered_test: bool = False
 
     def highest_start(self, point: TestPoint) -> float:
         """Largest temperature (degC) at which the point may begin; inf without a window."""
@@ -163,6 +165,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == LOOP},
         demagnetise=matrix.campaign.demagnetise,
+        powered_test=bench.actuator.watchdog_tested != "off",
         hand=ManualState(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
     )
     if temperature is None:

@@ -66,6 +66,7 @@ def _arm(state: State) -> Step:
 
 
 def _prove_watchdog(state: State) -> Step:
+    state = replace(state, pressurised=state.pressurised or state.conditions.powered_test)
     return stopping.request(state, Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG)
 
 
