@@ -118,7 +118,7 @@ def in_code() -> dict[str, str]:
 @cache
 def known() -> dict[str, str]:
     nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False, tried=False)
-    echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
+    echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False, watchdog_tested="on")
     output = supply(tomllib.loads(WRITTEN_ONLY))
     missing = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {

@@ -60,7 +60,7 @@ def test_a_name_that_is_unknown_is_refused_with_those_that_are_known() -> None:
         make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1"))
     with pytest.raises(UnknownDevice, match=r"unknown \w+ 'mine'; known: .*demo"):
         make_current_source("mine", None, CanAddress("virtual", "x"))
-    with pytest.raises(LocalProtocolError, match="known: delta-rmc, demo"):
+    with pytest.raises(LocalProtocolError, match="known: cia402-drive, delta-rmc, demo"):
         controller("mine")
     with pytest.raises(LocalProtocolError, match="known: demo"):
         sources.current_source("mine")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -243,3 +244,9 @@ def test_what_a_condition_looks_at_is_shown_as_it_is_measured(faults: str) -> No
     for name in ("force", "position"):
         quantity = made.quantities[name]
         assert registers.read(quantity.address, quantity.length) != [0] * quantity.length, name
+
+
+def test_single_bits_a_split_position_and_a_handshake_are_served() -> None:
+    made = controller(tomllib.loads((Path(__file__).parent / "maps" / "single-bits.toml").read_text("utf-8")))
+    served(made)
+    assert (made.capabilities.watchdog_tested, made.setpoint_waits) == ("on", True)
