@@ -71,7 +71,7 @@ def test_an_actuator_with_a_driver_of_its_own_comes_through_the_same_door(monkey
     monkeypatch.setattr("drivers.catalogue._REGISTERED", {})
     made = make_actuator("demo", ActuatorConnection("modbus-tcp://127.0.0.1:1"))
     register_actuator("mine", lambda connection: made)
-    assert actuator_names() == ("delta-rmc", "demo", "demo-streamed", "float-drive", "mine")
+    assert actuator_names() == ("cia402-drive", "delta-rmc", "demo", "demo-streamed", "float-drive", "mine")
     assert make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1")) is made
     assert make_current_source("demo", None, CanAddress("virtual", "x")).commanded_A == 0.0
 

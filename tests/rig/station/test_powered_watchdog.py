@@ -1,4 +1,4 @@
-"""A watchdog that works only under power is tested there, at rest; whatever comes of it, the power is off at the end."""
+"""A watchdog that works only under power is tested there, at rest; the power is off at the end, however it ends."""
 
 from __future__ import annotations
 
