@@ -11,29 +11,32 @@ from drivers.can_port import CanPort
 from drivers.connection import CanAddress
 from drivers.devices.dbc_file import DbcText, can_database
 from protocols.errors import LocalProtocolError
-from protocols.guess_can import CanFrame
+from protocols.guess_can import CanFrame, CanLog
 
 LARGEST_LOG_BYTES = 64 << 20
 MOST_FRAMES = 200_000
 """Heard at a time; a full 1 Mbit/s bus carries some 8,000 a second."""
 
 
-def listen_to_can(address: CanAddress, seconds: float) -> list[CanFrame]:
-    """Frames of a bus; nothing is sent on it.
+def listen_to_can(address: CanAddress, seconds: float) -> CanLog:
+    """What comes on a bus; nothing is sent on it.
 
     Raises:
         PortClosed: the bus cannot be joined, or has gone.
     """
     port = CanPort(address, device="bus")
     port.open()
-    heard: list[CanFrame] = []
+    heard = CanLog()
     try:
         begin_s = clock.monotonic()
-        while len(heard) < MOST_FRAMES and (left_s := begin_s + seconds - clock.monotonic()) > 0.0:
+        while len(heard.frames) < MOST_FRAMES and (left_s := begin_s + seconds - clock.monotonic()) > 0.0:
             frames, arrival_ns = port.receive(min(left_s, 0.1))
-            heard += [(arrival_ns * 1e-9, frame[0], frame[1], frame[2]) for frame in frames if not frame[3]]
+            heard.frames += [(arrival_ns * 1e-9, frame[0], frame[1], frame[2]) for frame in frames if not frame[3]]
+            heard.remote.update(frame[0] for frame in frames if frame[3])
     finally:
         port.close()
+    if port.bus_errors:
+        heard.errors["error"] = port.bus_errors
     return heard
 
 

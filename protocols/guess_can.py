@@ -5,12 +5,26 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 CanFrame = tuple[float, int, bytes, bool]
 """(time s, identifier, data, extended)."""
-_LOG = re.compile(r"\s*\((\d+(?:\.\d+)?)\)\s+\S+\s+([0-9A-Fa-f]+)#([0-9A-Fa-f]*)")
+_STAMP = r"\s*\((\d+(?:\.\d+)?)\)\s+\S+\s+"
+_LOG = re.compile(_STAMP + r"([0-9A-Fa-f]{3,8})#(?:(#[0-9A-Fa-f])?([0-9A-Fa-f]*)|R([0-9A-F]?))(?:_[0-9A-F])?\s*")
+"""As `candump -l` writes it: 123#DEADBEEF, 123##1DEADBEEF (CAN FD), 123#R8 (remote), 20000004#... (error)."""
+_SHOWN = re.compile(
+    _STAMP + r"(?:[TR]X\s+\S+\s+)?([0-9A-Fa-f]{3,8})\s+\[(\d+)\]\s+"
+    r"(?:(remote request)|((?:[0-9A-Fa-f]{2}\s+)*[0-9A-Fa-f]{2}))(\s+ERRORFRAME)?(?:\s+'.*')?\s*"
+)
+"""As `candump -ta` shows it: 123   [4]  DE AD BE EF; a frame of CAN FD has a length of two digits."""
+_ERROR_BIT, _IDENTIFIER = 0x2000_0000, 0x1FFF_FFFF
+ERRORS = {
+    0x001: "transmit time-out", 0x002: "lost arbitration", 0x004: "controller problem", 0x008: "protocol violation",
+    0x010: "transceiver problem", 0x020: "no acknowledgement", 0x040: "bus-off", 0x080: "bus error",
+    0x100: "controller restarted",
+}  # fmt: skip
+"""Classes of error frames (linux/can/error.h)."""
 FEWEST = 8
 SURE = 0.9
 
@@ -44,13 +58,61 @@ class CanSummary:
     last: bytes
 
 
-def read_candump(text: str) -> list[CanFrame]:
-    """Frames of a log as `candump -l` writes it: (1700000000.123456) can0 123#DEADBEEF; other lines are passed over."""
-    frames = []
+@dataclass
+class CanLog:
+    """What a log or a bus holds.
+
+    Attributes:
+        frames: of data, those of CAN FD too.
+        fd: identifiers of frames of CAN FD.
+        remote: identifiers that were requested by remote frames.
+        errors: error frames by their class, as text.
+        other_lines: lines of a log that are no frames.
+    """
+
+    frames: list[CanFrame] = field(default_factory=list)
+    fd: set[int] = field(default_factory=set)
+    remote: Counter[int] = field(default_factory=Counter)
+    errors: Counter[str] = field(default_factory=Counter)
+    other_lines: int = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """There is no frame of any kind."""
+        return not (self.frames or self.remote or self.errors)
+
+
+def read_candump(text: str) -> CanLog:
+    """A log as `candump -l` writes it or `candump -ta` shows it; other lines are counted."""
+    log = CanLog()
     for line in text.splitlines():
-        if (match := _LOG.match(line)) is not None and len(match[3]) % 2 == 0:
-            frames.append((float(match[1]), int(match[2], 16), bytes.fromhex(match[3]), len(match[2]) > 3))
-    return frames
+        if (match := _LOG.fullmatch(line)) is not None:
+            stamp, name, flags, data, length = match.groups()
+            _add(log, float(stamp), name, data or "", fd=flags is not None, remote=length is not None)
+        elif (match := _SHOWN.fullmatch(line)) is not None:
+            stamp, name, size, remote, data, error = match.groups()
+            if error:
+                name = f"{int(name, 16) | _ERROR_BIT:08X}"
+            _add(log, float(stamp), name, (data or "").replace(" ", ""), fd=len(size) > 1, remote=remote is not None)
+        elif line.strip():
+            log.other_lines += 1
+    return log
+
+
+def _add(log: CanLog, time_s: float, name: str, data: str, *, fd: bool, remote: bool) -> None:
+    number = int(name, 16)
+    extended, identifier = len(name) > 3, number & _IDENTIFIER
+    if extended and number & _ERROR_BIT:
+        classes = [text for bit, text in ERRORS.items() if identifier & bit]
+        log.errors[" and ".join(classes) or "error"] += 1
+    elif remote:
+        log.remote[identifier] += 1
+    elif len(data) % 2:
+        log.other_lines += 1
+    else:
+        log.frames.append((time_s, identifier, bytes.fromhex(data), extended))
+        if fd:
+            log.fd.add(identifier)
 
 
 def summaries(frames: Iterable[CanFrame]) -> list[CanSummary]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -14,7 +14,20 @@ TERMINATORS = (b"\r\n", b"\n\r", b"\n", b"\r", b"\x03", b";")
 FEWEST = 4
 """Lines below which nothing is guessed."""
 _NUMBER = re.compile(r"[+-]? *\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
-_UNITS = ("kN", "N", "mm", "um", "mV/V", "kg", "g", "t", "lbf", "V", "m", "d")
+_UNITS = (
+    "kN", "N", "mN", "daN", "kgf", "mm", "um", "cm", "in", "mV/V", "kg", "g", "t", "lbf", "lb", "V", "mV", "m", "d",
+)  # fmt: skip
+_UNIT = re.compile(r"( *)([A-Za-z]+(?:/[A-Za-z]+)?)(?![A-Za-z/])(.*)", re.DOTALL)
+"""What begins with a word that may be a unit."""
+_TOKEN = r"(?P<value>[^0-9]+)"
+_OVERLOADS = frozenset({
+    "O", "OL", "O.L", "O.L.", "O/L", "O-L", "OVL", "OVR", "OVER", "OVERLOAD", "OF", "OVF", "HH", "LL", "UL", "UNDER",
+})  # fmt: skip
+_FAULTS = frozenset({"E", "ERR", "ERROR", "FAIL", "FAULT", "OPEN", "NC", "BREAK"})
+_OVERLOAD_MARKS = frozenset("^_=*<>-")
+"""Characters of which displays fill the number's place when there is none."""
+MOST_STATUSES, LONGEST_STATUS = 6, 8
+"""More texts, or longer ones, than a line's status has."""
 _START = b"\x02"
 
 
@@ -40,12 +53,21 @@ def described_lines(data: bytes) -> Iterator[dict[str, Any]]:
         shape, usual = Counter(map(_shape, texts)).most_common(1)[0]
         if usual < 0.5 * len(texts):
             continue
-        table = _described([text for text in texts if _shape(text) == shape], shape)
-        if table is not None:
+        usual_texts = [text for text in texts if _shape(text) == shape]
+        others = [text for text in texts if _shape(text) != shape]
+        # A status that no format can have is left open.
+        tables = [_described(usual_texts, shape), _described(usual_texts, shape, {"status": {}})]
+        for table in tables:
+            if table is None:
+                continue
+            if not table.get("status"):
+                table.pop("status", None)
+            _add_tokens(table, others)
             table["terminator"] = terminator.decode()
             if start:
                 table["start"] = start.decode()
             yield table
+        if any(tables):
             return
 
 
@@ -54,22 +76,24 @@ def _shape(text: str) -> int:
     return len(_NUMBER.findall(text))
 
 
-def _described(texts: Sequence[str], numbers: int) -> dict[str, Any] | None:
-    """The format of lines with so many numbers each."""
+def _described(texts: Sequence[str], numbers: int, begun: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
+    """The format of lines with so many numbers each; `begun` are entries that it has already."""
     table = _with_checksum(texts)
     if not numbers and table is None:
         return None
-    if table is None:
-        table = {}
+    table = {**(begun or {}), **(table or {})}
     bodies = [text[: table["_body"]] for text in texts] if "_body" in table else texts
     literals, values = [_NUMBER.split(text) for text in bodies], [_NUMBER.findall(text) for text in bodies]
     count = len(values[0])
     if not count or any(len(row) != count for row in values):
         return None
     chosen = _reading(list(zip(*values, strict=True)))
+    columns = list(zip(*literals, strict=True))
+    # What stands behind the reading is its unit and status before anything else is.
+    behind = _behind(columns[chosen + 1], table)
     pattern = ""
-    for at, between in enumerate(zip(*literals, strict=True)):
-        pattern += _literal(between, table, behind_value=at == chosen + 1)
+    for at, between in enumerate(columns):
+        pattern += behind if at == chosen + 1 else _literal(between, table)
         if at < count:
             column = [row[at] for row in values]
             body = _digits(column)
@@ -100,21 +124,97 @@ def _reading(columns: Sequence[Sequence[str]]) -> int:
     return max(range(len(columns)), key=lambda at: likely(columns[at]))
 
 
-def _literal(between: Sequence[str], table: dict[str, Any], *, behind_value: bool) -> str:
-    """A pattern for what stands between two numbers."""
+def _behind(between: Sequence[str], table: dict[str, Any]) -> str:
+    """A pattern for what stands behind the reading: its unit, where all lines have the same one, and the rest."""
+    parts = [_UNIT.fullmatch(text) for text in between]
+    units = {part[2] for part in parts if part is not None}
+    if None in parts or len(units) != 1 or not units <= set(_UNITS):
+        return _literal(between, table)
+    (unit,) = units
+    blanks = {part[1] for part in parts if part is not None}
+    before = blanks.pop() if len(blanks) == 1 else " *"
+    table["unit"] = unit
+    rest = _literal([part[3] for part in parts if part is not None], table)
+    return f"{before}(?P<unit>{_escaped(unit)}){rest}"
+
+
+def _escaped(text: str) -> str:
+    return re.escape(text).replace("\\ ", " ").replace("\\,", ",")
+
+
+def _literal(between: Sequence[str], table: dict[str, Any]) -> str:
+    """A pattern for what stands between two numbers; texts that say something become the line's status.
+
+    A status that was not heard, such as that of an overload, then makes a damaged line and not a reading.
+    """
     texts = set(between)
     if len(texts) == 1:
-        (text,) = texts
-        unit = text.strip()
-        if behind_value and unit in _UNITS:
-            table["unit"] = unit
-            return re.escape(text).replace(re.escape(unit), f"(?P<unit>{re.escape(unit)})").replace("\\ ", " ")
-        return re.escape(text).replace("\\ ", " ").replace("\\,", ",")
+        return _escaped(texts.pop())
+    words = {text.strip() for text in texts}
+    few = len(words) <= MOST_STATUSES and max(map(len, texts)) <= LONGEST_STATUS
+    if few and len(words) > 1 and "status" not in table:
+        table["status"] = {word: _status(word) for word in sorted(words)}
+        return _statuses(texts)
+    if len(words) == 1 and "" not in words:
+        return f" *{_escaped(words.pop())} *"
     lengths = {len(text) for text in texts}
     most = max(lengths)
     # Never a digit or sign: those are the number's.
     kind = " " if not "".join(texts).strip() else "[^0-9+.,-]"
     return f"{kind}{{{most}}}" if len(lengths) == 1 else f"{kind}{{{min(lengths)},{most}}}"
+
+
+def _statuses(texts: Collection[str]) -> str:
+    """The group of a status; blanks that all of its texts have stand outside."""
+    before = min(len(text) - len(text.lstrip(" ")) for text in texts)
+    inner = [text[before:] for text in texts]
+    after = min(len(text) - len(text.rstrip(" ")) for text in inner)
+    inner = sorted((text[: len(text) - after] for text in inner), key=lambda text: (-len(text), text))
+    return f"{' ' * before}(?P<status>{'|'.join(map(_escaped, inner))}){' ' * after}"
+
+
+def _status(word: str) -> str:
+    """What a status most likely means; a word that is not known means that all is well, as most lines are."""
+    return _meaning(word) or "ok"
+
+
+def _meaning(word: str) -> str:
+    bare = word.strip(" +-,;").upper()
+    if bare in _FAULTS:
+        return "fault"
+    marks = word.replace(" ", "")
+    return "overload" if bare in _OVERLOADS or (len(marks) > 1 and set(marks) <= _OVERLOAD_MARKS) else ""
+
+
+def _add_tokens(table: dict[str, Any], others: Sequence[str]) -> None:
+    """Texts in place of the number, of lines that are otherwise as described: overload, or a fault."""
+    pattern: str = table["pattern"]
+    begin = pattern.index("(?P<value>")
+    end = _end_of_group(pattern, begin)
+    regex = re.compile(pattern[:begin] + _TOKEN + pattern[end:])
+    raw = {match["value"] for text in others if (match := regex.fullmatch(text)) is not None and match["value"].strip()}
+    if not raw or len(raw) > MOST_STATUSES:
+        return
+    for text in sorted(raw):
+        kind = "fault_tokens" if _meaning(text) == "fault" else "overload_tokens"
+        table[kind] = sorted({*table.get(kind, ()), text.strip()})
+    tokens = "|".join(map(_escaped, sorted(raw, key=len, reverse=True)))
+    table["pattern"] = f"{pattern[: end - 1]}|{tokens}{pattern[end - 1 :]}"
+
+
+def _end_of_group(pattern: str, begin: int) -> int:
+    """Behind the parenthesis that closes the one at `begin`.
+
+    Raises:
+        ValueError: none does.
+    """
+    depth = 0
+    for at in range(begin, len(pattern)):
+        escaped = pattern[at - 1 : at] == "\\"
+        depth += (pattern[at] == "(") - (pattern[at] == ")") if not escaped else 0
+        if depth == 0:
+            return at + 1
+    raise ValueError(pattern)
 
 
 def _digits(column: Sequence[str]) -> str:

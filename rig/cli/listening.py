@@ -23,7 +23,7 @@ from rig.files.described import LARGEST_NETWORK_BYTES, dbc_text, described
 
 if TYPE_CHECKING:
     from drivers.sniffing import Heard, Match
-    from protocols.guess_can import CanFrame
+    from protocols.guess_can import CanLog
 
 SHOWN = 5
 LARGEST_FILE_BYTES = 1 << 20
@@ -89,12 +89,12 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     options["captured"] = captured
     if captured is not None:
         _refuse_bench(captured)
-    frames = _can_frames(source, options)
-    answer = _can(frames, options["dbc"]) if frames is not None else _sensor(source, options)
+    log = _can_log(source, options)
+    answer = _can(log, options["dbc"]) if log is not None else _sensor(source, options)
     if as_json:
         write_json(answer)
     else:
-        say("\n".join(_can_words(answer) if frames is not None else _words(answer)))
+        say("\n".join(_can_words(answer) if log is not None else _words(answer)))
     return EXIT_DONE if answer["found"] else EXIT_NOT_ALL_VALID
 
 
@@ -116,8 +116,8 @@ def _refuse_bench(captured: Path) -> None:
         ])  # fmt: skip
 
 
-def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] | None:
-    """Frames of a bus or a log; None where there are bytes of a sensor.
+def _can_log(port: str | None, options: Mapping[str, Any]) -> CanLog | None:
+    """What a bus or a log holds; None where there are bytes of a sensor.
 
     Raises:
         NothingHeard: the bus cannot be joined.
@@ -125,8 +125,8 @@ def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] 
     from rig.bench.address import INTERFACES
 
     if options["captured"] is not None:
-        frames = read_candump(_read(options["captured"]).decode("utf-8", "replace"))
-        return frames or None
+        log = read_candump(_read(options["captured"]).decode("utf-8", "replace"))
+        return None if log.is_empty else log
     interface, colon, channel = (port or "").partition(":")
     if not colon or interface not in INTERFACES:
         return None
@@ -235,6 +235,8 @@ def _toml(given: Mapping[str, Any] | str, heard: Heard, url: str | None, rate_Hz
     if isinstance(given, str):
         return "\n".join([*lines, *calibration])
     top = [f"{key} = {_value(value)}" for key, value in given.items() if key != "fields"]
+    if "status" in given:
+        top.append("# check the meaning of each status: ok, overload or fault. A line with another status is rejected")
     tables = [
         f"[load_cell.format.fields.{name}]\n" + "\n".join(f"{key} = {_value(value)}" for key, value in entry.items())
         for name, entry in given.get("fields", {}).items()
@@ -258,6 +260,8 @@ def _value(value: object) -> str:
     """A value as TOML: patterns in single quotes, bytes in hexadecimal."""
     if isinstance(value, list) and value and all(type(item) is int for item in value):
         return "[" + ", ".join(f"0x{item:02X}" if item > 9 else str(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_value(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, str) and "\\" in value and "'" not in value and value.isprintable():
         return f"'{value}'"
     return json.dumps(value)
@@ -295,13 +299,18 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
+def _can(log: CanLog, dbc: Path | None) -> dict[str, Any]:
     """What came on a bus.
 
     Raises:
         FileProblem: the DBC cannot be read.
     """
-    answer: dict[str, Any] = {"frames": len(frames), "found": bool(frames), "identifiers": []}
+    frames = log.frames
+    answer: dict[str, Any] = {
+        "frames": len(frames), "found": bool(frames), "identifiers": [], "error_frames": dict(log.errors),
+        "remote_frames": [{"identifier": identifier, "frames": count} for identifier, count in log.remote.items()],
+        "other_lines": log.other_lines,
+    }  # fmt: skip
     known: dict[int, dict[str, Any]] = {}
     if dbc is not None:
         try:
@@ -314,24 +323,26 @@ def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
             "period_ms": 1e3 * one.period_s, "jitter_ms": 1e3 * one.jitter_s, "lengths": list(one.lengths),
             "changing": list(one.changing),
             "counters": [{"byte": at, "lowest_bit": low, "bits": bits} for at, low, bits in one.counters],
-            "likely_checksums": list(one.checksums), "last": one.last.hex(" "),
+            "likely_checksums": list(one.checksums), "last": one.last.hex(" "), "fd": one.identifier in log.fd,
         }  # fmt: skip
         answer["identifiers"].append(entry | known.get(one.identifier, {}))
     return answer
 
 
 def _can_words(answer: Mapping[str, Any]) -> list[str]:
+    others = _other_frames(answer)
     if not answer["frames"]:
         return [
-            "no frame received. Fix: check the bit rate and the termination of the bus, and check that a node is "
-            "sending"
+            "no data frame received. Fix: check the bit rate and the termination of the bus, and check that a node is "
+            "sending", *others,
         ]
-    lines = [f"{answer['frames']} frames", "identifier  frames    period   data"]
+    lines = [f"{answer['frames']} frames", *others, "identifier  frames    period   data"]
     for one in answer["identifiers"]:
         name = f"{one['identifier']:08X}" if one["extended"] else f"{one['identifier']:03X}"
         lengths = "/".join(map(str, one["lengths"]))
         lines.append(
-            f"{name:>10}  {one['frames']:6}  {one['period_ms']:6.1f} ms  {lengths} bytes, last {one['last']}"
+            f"{name:>10}  {one['frames']:6}  {one['period_ms']:6.1f} ms  {lengths} bytes{', CAN FD' * one['fd']}, last "
+            + one["last"]
             + (f"   {one['message']}" if "message" in one else "")
         )
         parts = [f"changing bytes: {', '.join(map(str, one['changing']))}"] if one["changing"] else []
@@ -344,4 +355,18 @@ def _can_words(answer: Mapping[str, Any]) -> list[str]:
             lines.append(" " * 12 + "; ".join(parts))
         for signal, (low, high) in one.get("signals", {}).items():
             lines.append(" " * 12 + (f"{signal} = {low:g}" if low == high else f"{signal} = {low:g} to {high:g}"))
+    return lines
+
+
+def _other_frames(answer: Mapping[str, Any]) -> list[str]:
+    """Remote frames, error frames, and lines that are no frames."""
+    lines = [
+        f"remote frames: {one['frames']} for {one['identifier']:03X} (a node requests this identifier)"
+        for one in answer["remote_frames"]
+    ]
+    lines += [f"error frames: {count} ({text})" for text, count in answer["error_frames"].items()]
+    if answer["error_frames"]:
+        lines.append("  Fix: check the bit rate (of CAN FD, also that of the data), the termination and the cable")
+    if answer["other_lines"]:
+        lines.append(f"lines that are not frames: {answer['other_lines']}")
     return lines

@@ -22,6 +22,7 @@ from rig.matrix.feasibility import (
     would_fit,
 )
 from rig.matrix.forecast import Forecast, forecaster
+from rig.matrix.lost_answers import lost_answer_hints
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.sensor_timing import skew_hints
@@ -201,6 +202,7 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     warnings = (
         *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
         *amplitude_hints(in_order, adapted=matrix.sweep.adapt_amplitude), *gap_warnings(in_order, bench),
+        *lost_answer_hints(bench),
     )
     if specimen.assumed is not None:
         warnings += specimen.assumed.hints(item.point for item in points)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
 from functools import reduce
 from operator import xor
 
@@ -124,13 +125,57 @@ def test_counters_and_checksums_of_a_bus_are_found() -> None:
         frames.append((0.01 * k, "120", bytes([sum((k * k * 37, k * 11)) & 255]) + body))
         if k % 10 == 0:
             frames.append((0.01 * k, "18FF0001", b"\x01\x02"))
-    slow, fast = sorted(summaries(read_candump(candump(frames))), key=lambda one: one.count)
+    slow, fast = sorted(summaries(read_candump(candump(frames)).frames), key=lambda one: one.count)
     assert (fast.identifier, fast.extended, fast.count, fast.lengths) == (0x120, False, 60, [4])
     assert fast.period_s == pytest.approx(0.01)
     assert fast.counters == [(1, 0, 4)]
     assert fast.checksums == [0]
     assert fast.changing == [0, 1, 3]
     assert (slow.identifier, slow.extended, slow.changing) == (0x18FF0001, True, [])
+
+
+def test_frames_of_can_fd_remote_frames_and_error_frames_are_told_apart() -> None:
+    """Each kind as `candump -l` of can-utils writes it, and as `candump -ta` shows it."""
+    log = read_candump(
+        "(1000.010000) can0 123#DEADBEEF\n(1000.020000) can0 123##5" + "AB" * 48 + "\n(1000.030000) can0 7E0#R8\n"
+        "(1000.040000) can0 20000040#0000000000000000\n(1000.050000) can0 2000008C#0008000000000000\n"
+        " (1000.060000)  can0  18FF0001   [3]  01 02 03   '...'\n (1000.070000)  can0  123  [02]  0A 0B\n"
+        " (1000.080000)  can0  7E0   [8]  remote request\n"
+        " (1000.090000)  can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME\n\tcontroller-problem{rx-warning}\n"
+    )
+    assert [(identifier, len(data), extended) for _, identifier, data, extended in log.frames] == [
+        (0x123, 4, False), (0x123, 48, False), (0x18FF0001, 3, True), (0x123, 2, False),
+    ]
+    assert (log.fd, dict(log.remote), log.other_lines) == ({0x123}, {0x7E0: 2}, 1)
+    assert dict(log.errors) == {
+        "bus-off": 1, "controller problem and protocol violation and bus error": 1, "controller problem": 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("line", "unit", "status", "tokens"),
+    [
+        (lambda v: f"{v:+08.1f} N {'O' if abs(v) > 900 else ' '}", "N", {"": "ok", "O": "overload"}, None),
+        (lambda v: f"{'US' if v < 0 else 'ST'},GS,{v:+08.2f}kN", "kN", {"ST,GS,": "ok", "US,GS,": "ok"}, None),
+        (lambda v: f"{v:+08.2f} kN" if abs(v) < 950 else "   OL    kN", "kN", None, ["OL"]),
+        (lambda v: f"{v:8.2f} g {'S' if v > 0 else 'D'}", "g", {"D": "ok", "S": "ok"}, None),
+        (lambda v: f"{v:8.2f} kg G" if abs(v) < 950 else "-------- kg G", "kg", None, ["--------"]),
+        (lambda v: f"N {v:+08.2f} kg  OK", "kg", None, None),
+    ],
+)
+def test_unit_status_and_overload_behind_the_number_are_kept(
+    line: Callable[[float], str], unit: str, status: dict[str, str] | None, tokens: list[str] | None
+) -> None:
+    match = guessed("".join(line(v) + "\r\n" for v in SIGNAL).encode()[3:])
+    assert match is not None
+    assert not isinstance(match.given, str)
+    assert (len(match.readings), match.damaged) == (len(SIGNAL) - 1, 0)
+    given = (match.given["unit"], match.given.get("status"), match.given.get("overload_tokens"))
+    assert given == (unit, status, tokens)
+    overloaded = [math.isnan(value) for value, _ in match.readings]
+    assert any(overloaded) is (tokens is not None or (status is not None and "O" in status))
+    wrong = tried((line(1.0).replace(unit, "oz") + "\r\n").encode() * 3, match.given, "proposed")
+    assert not wrong.readings, "another unit is another line"
 
 
 @pytest.mark.parametrize("order", ["little", "big"])

@@ -32,10 +32,13 @@ def captured(folder: Path, data: bytes) -> str:
     return str(path)
 
 
+@pytest.mark.parametrize("tail", [b"", b" S"])
 def test_captured_lines_become_lines_of_a_bench_file_that_loads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tail: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, reported = run(capsys, captured(tmp_path, b"".join(LINES)[9:]), "--json")
+    ends = [tail and (b" O" if k > 110 else tail) for k in range(len(LINES))]
+    lines = [line.replace(b"\r", end + b"\r") for line, end in zip(LINES, ends, strict=True)]
+    code, reported = run(capsys, captured(tmp_path, b"".join(lines)[9:]), "--json")
     answer = json.loads(reported)
     assert (code, answer["found"], answer["readings"], answer["damaged"]) == (0, True, 119, 0)
     assert answer["examples"][0]["value"] == pytest.approx(5.0 * math.sin(1 / 9.0), abs=6e-4)
@@ -47,7 +50,8 @@ def test_captured_lines_become_lines_of_a_bench_file_that_loads(
     assert cell.sensitivity == 1000.0
     made = described_format(cell.format)
     assert isinstance(made, LineFormat)
-    assert made.decode(LINES[5].rstrip())[0] == pytest.approx(float(LINES[5][3:11]))
+    assert made.decode(lines[5].rstrip())[0] == pytest.approx(float(LINES[5][3:11]))
+    assert not tail or math.isnan(made.decode(lines[111].rstrip())[0]), "the overload letter is kept"
 
 
 def test_a_format_is_tried_on_captured_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,6 +23,7 @@ from rig.campaign.sequencer.state import conditions_of
 from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.display import SI
+from rig.matrix.lost_answers import lost_answer_hints
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, PlannedPoint, plan
 from rig.matrix.stopping import stopping_reach
@@ -336,6 +337,18 @@ def test_a_plan_says_from_which_frequency_arrival_times_leave_the_skew_suspect()
     assert any(
         "2 ms" in message and "force input" in message for message in plan(one("15 mm", "2 Hz"), forceless).warnings
     )
+
+
+def test_a_plan_warns_of_a_device_that_one_lost_answer_makes_stale() -> None:
+    """Mantracourt: asked at 50 Hz, given up after 50 ms, asked again 50 ms later: 120 ms without a value."""
+    cell = replace(DEMO.load_cell, format="mantracourt", rate_Hz=50.0, stale_after_s=0.1)
+    hasty = {"load_cell": cell, "actuator": replace(DEMO.actuator, stale_after_s=0.045)}
+    warned = lost_answer_hints(DEMO.model_copy(update=hasty))
+    assert [re.findall(r"[\d.]+ ms", text) for text in warned] == [
+        ["45 ms", "50 ms", "10 ms", "40 ms", "50 ms"], ["100 ms", "120 ms", "20 ms", "50 ms", "120 ms"],
+    ]
+    patient = {"load_cell": replace(cell, stale_after_s=0.12)}
+    assert lost_answer_hints(DEMO.model_copy(update=patient)) == ()
 
 
 def test_a_plan_says_which_settled_current_the_current_source_can_show() -> None:
