@@ -34,7 +34,7 @@ from drivers.devices.ecu_description import (
 )
 from drivers.devices.ecu_missing import missing
 from drivers.devices.role_protection import read_protection
-from drivers.devices.role_reading import Found, Place, Reading, RoleProblems
+from drivers.devices.role_reading import SCALING, Found, Place, Reading, RoleProblems
 from drivers.devices.sent_frames import sent_frames
 from protocols.can_signals import FrameReader, Placed, Signal
 from protocols.e2e import Protection
@@ -48,9 +48,11 @@ PLAIN = (SERIAL, FIRMWARE, LAYOUT, BOOTS)
 STATES = {str(item.name).lower(): item for item in SourceState}
 FAULT_NAMES = {str(item.name).lower().replace("_", "-"): item for item in SourceFault}
 ROLE_KEYS: Mapping[str, tuple[str, ...]] = {
-    COMMAND: ("signal", "unit", "full_scale"), ENABLE: ("signal", "on", "off"), CLEAR: ("signal", "on", "off"),
-    CURRENT: ("signal", "unit", "full_scale"), STATE: ("signal", *STATES), FAULTS: ("signal", *FAULT_NAMES),
-    COIL: ("signal", "unit"), ECU: ("signal", "unit"), SUPPLY: ("signal", "unit"), CLOCK: ("signal", "unit"),
+    COMMAND: ("signal", "unit", "full_scale", *SCALING), ENABLE: ("signal", "on", "off"),
+    CLEAR: ("signal", "on", "off"),
+    CURRENT: ("signal", "unit", "full_scale", *SCALING), STATE: ("signal", *STATES), FAULTS: ("signal", *FAULT_NAMES),
+    COIL: ("signal", "unit", *SCALING), ECU: ("signal", "unit", *SCALING), SUPPLY: ("signal", "unit", *SCALING),
+    CLOCK: ("signal", "unit", "scale"),
     SERIAL: ("signal",), FIRMWARE: ("signal",), LAYOUT: ("signal", "value"), BOOTS: ("signal",),
 }
 """Every role, and the keys of its table; a text stands for `signal` alone."""

@@ -27,6 +27,8 @@ _MEASURES = {
 }  # fmt: skip
 _BASE = {"current": ("A", 1.0), "temperature": ("degC", 1.0), "voltage": ("V", 1.0), "time": ("us", 1e6)}
 """Unit in which the driver has a quantity, and how many of it are one SI unit."""
+SCALING = ("scale", "offset")
+"""Keys of a role whose signal has another scale than the DBC states: value = scale * DBC's value + offset."""
 SHARES = ("%", "percent")
 """Units of a current that is a share of `full_scale`."""
 
@@ -156,7 +158,8 @@ class Reading:
         return None
 
     def in_unit(self, named: Found, dimension: str, table: Mapping[str, Any], place: Place) -> Found | None:
-        """The signal in A, degC, V or us, whatever unit the DBC has for it."""
+        """The signal in A, degC, V or us, whatever unit and scale the DBC has for it."""
+        named = _scaled(named, table.get("scale", 1.0), table.get("offset", 0.0))
         signal, units = named.signal, _UNITS[dimension]
         unit = table.get("unit", signal.unit)
         base, per_si = _BASE[dimension]
@@ -172,18 +175,27 @@ class Reading:
         elif unit == "" and dimension in {"temperature", "voltage"}:
             factor, offset = 1.0, 0.0
         else:
+            if table.keys() & set(SCALING) and "unit" not in table:
+                self.wrong(place, f"{signal.name} has a scale here, so its unit after scaling must be stated too. Fix: "
+                    f"unit = \"{units[0]}\"")
+                return None
             text = f"is in {unit!r}" if unit else "has no unit in the DBC file"
             known_units = ", ".join((*units, *(SHARES[:1] if dimension == "current" else ())))
             self.wrong(place, f'{signal.name} {text}; allowed: {known_units}. Fix: write {{signal = "...", unit = '
                 f'"..."}}')
             return None
-        converted = replace(signal, scale=signal.scale * factor, offset=signal.offset * factor + offset, unit=base)
-        given = replace(
-            named.given, signal=converted,
-            minimum=None if named.given.minimum is None else named.given.minimum * factor + offset,
-            maximum=None if named.given.maximum is None else named.given.maximum * factor + offset,
-        )
-        return Found(named.message, given)
+        in_base = _scaled(named, factor, offset)
+        return Found(in_base.message, replace(in_base.given, signal=replace(in_base.signal, unit=base)))
+
+
+def _scaled(named: Found, factor: float, offset: float) -> Found:
+    """The signal whose value is `factor` times that of the DBC, and `offset` more; its limits likewise."""
+    signal, given = named.signal, named.given
+    ends = [None if end is None else end * factor + offset for end in (given.minimum, given.maximum)]
+    if factor < 0.0:
+        ends.reverse()
+    scaled = replace(signal, scale=signal.scale * factor, offset=signal.offset * factor + offset)
+    return Found(named.message, replace(given, signal=scaled, minimum=ends[0], maximum=ends[1]))
 
 
 def _unusable(given: DbcSignal, message: DbcMessage) -> str:

@@ -9,11 +9,12 @@ from pydantic import Discriminator, Field, Tag
 
 from drivers.devices.ecu_roles import FAULT_NAMES, ROLE_KEYS, SENDING, STATES
 from drivers.devices.role_protection import KEYS, MODES, PROFILES
-from drivers.devices.role_reading import units_of
+from drivers.devices.role_reading import SCALING, units_of
 from protocols.j1939 import HIGHEST_ADDRESS
 from rig.files.quantity import Check, Quantity
 from rig.files.section import DescriptionTable, OneOrMore, table_of_words
 
+LARGEST_SCALE = 1e9
 LARGEST = 1.7e308
 """Largest number of a constant."""
 
@@ -36,6 +37,12 @@ def _constant(value: object) -> object:
     return _number(value)
 
 
+def _scale(value: object) -> object:
+    if value == 0.0:
+        raise ValueError("must not be 0, because every value would be the same")
+    return value
+
+
 def _table(value: object) -> str:
     return "[Table]" if isinstance(value, Mapping) else "[plain]"
 
@@ -52,6 +59,8 @@ Numbers = Annotated[tuple[Number, ...], OneOrMore()]
 Constant = Annotated[bool | int | float | str, Check(_constant, alone=True)]
 Duration = Annotated[float, Quantity("time", "0 s", "60 s", above=True)]
 FullScale = Annotated[float, Quantity("current", "0 A", "100000 A", above=True)]
+Offset = Annotated[float, Field(ge=-LARGEST_SCALE, le=LARGEST_SCALE)]
+Scale = Annotated[float, Field(ge=-LARGEST_SCALE, le=LARGEST_SCALE), Check(_scale, alone=True)]
 Byte = Annotated[int, Field(ge=0, le=0xFF)]
 Whole = Annotated[int, Field(ge=0)]
 Address = Annotated[int, Field(ge=0, le=HIGHEST_ADDRESS)]
@@ -93,6 +102,8 @@ def _entry(role: str, key: str) -> Any:  # noqa: ANN401 - a type
         return Annotated[str, Field(json_schema_extra={"enum": list(units_of(role))})]
     if key == "full_scale":
         return FullScale
+    if key in SCALING:
+        return Scale if key == "scale" else Offset
     return Numbers if key in STATES else Fault if key in FAULT_NAMES else Number
 
 

@@ -230,3 +230,21 @@ def test_files_that_are_none_of_that_kind_are_refused(tmp_path: Path) -> None:
 def test_a_dbc_as_most_tools_write_it_is_read(tmp_path: Path) -> None:
     (tmp_path / "ecu.dbc").write_bytes(DBC.replace('"degC"', '"°C"').encode("cp1252"))
     assert current_source(dbc_text(tmp_path / "ecu.dbc"), tomllib.loads(ROLES)).low_A == -5.0
+
+
+def test_a_scale_in_a_role_replaces_what_the_dbc_does_not_say() -> None:
+    """Raw counts of 0.5 mA around 2048 for the measured current; a set-point that counts the other way round."""
+    raw = DBC.replace('Target : 23|16@0- (0.25,0) [-5000|5000] "mA"', 'Target : 23|16@0- (1,0) [-10000|20000] ""')
+    raw = raw.replace('Actual : 23|16@0- (0.25,0) [-8000|8000]', 'Actual : 23|16@0+ (1,0) [0|4095]')
+    roles = ROLES.replace(
+        '"DriverCommand.Target"', '{signal = "DriverCommand.Target", scale = -0.25, unit = "mA"}'
+    ).replace('"DriverStatus.Actual"', '{signal = "DriverStatus.Actual", scale = 0.5, offset = -1024.0, unit = "mA"}')
+    made = described(roles, raw)
+    assert (made.low_A, made.high_A) == (-5.0, 2.5)
+    assert command(made, 1.0, True, 3)[6:11] == "F0 60", "-4000 counts"
+    read = made.heard[made.status].reader.read(bytes.fromhex("00 40 08 64 02 01 00 00"))
+    assert read is not None
+    assert read["measured_current"] == pytest.approx(0.05), "2148 counts: 100 counts of 0.5 mA"
+    unit = refused(roles.replace('scale = -0.25, unit = "mA"', "scale = -0.25"), raw)
+    assert "its unit after scaling must be stated too" in unit
+    assert "scale: must not be 0" in refused(roles.replace("scale = 0.5", "scale = 0.0"), raw)
