@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from protocols.binary_format import BinaryFormat, scaled
-from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, Reading
+from protocols.binary_format import MOST_DECIMALS, BinaryFormat, scaled
+from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, STATUS_SENSOR_FAULT, Reading
 
 _NO_CLOCK = -1
 _SLIP = {0xDC: 0xC0, 0xDD: 0xDB}
@@ -168,6 +168,8 @@ class _Meaning:
         self._sequence = self._counter(binary_format, "sequence")
         self._time = self._counter(binary_format, "time")
         self._tick_us = fields["time"].scale if "time" in fields else 1.0
+        self._decimals = fields.get("decimals")
+        self._decimals_of = binary_format.getter("decimals") if "decimals" in fields else None
         self._count = 0
 
     @staticmethod
@@ -201,5 +203,11 @@ class _Meaning:
         status = self._value.meaning(raw) if self._value.judges else 0
         if self._status is not None and self._status_of is not None:
             status |= self._status.meaning(self._status_of(frame))
+        if self._decimals is not None and self._decimals_of is not None:
+            places = scaled(self._decimals, self._decimals_of(frame))
+            if not 0.0 <= places <= MOST_DECIMALS:
+                status |= STATUS_SENSOR_FAULT  # what the number means is not known
+            else:
+                raw /= 10.0 ** int(places)
         value = math.nan if status else scaled(self._value, raw)
         return number % SEQUENCE_MODULUS, clock, value, status, 0

@@ -19,6 +19,7 @@ from protocols.exchange import Exchange
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 
 LONGEST_FRAME = 256
+MOST_DECIMALS = 9
 _WORD = 2
 SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8, "i64": 8,
          "f32": 4, "f64": 8}  # fmt: skip
@@ -122,7 +123,8 @@ class BinaryFormat:
     Attributes:
         name: as in the bench file.
         length: bytes of a whole frame, sync, checksum and end included, stuffing not.
-        fields: by what they are: `value`, and where there are such `status`, `sequence`, `time`.
+        fields: by what they are: `value`, and where there are such `status`, `sequence`, `time`, `decimals` (decimal
+            places of the number of the value).
         sync, end: bytes a frame begins and ends with.
         stuffing: "none"; "escape": in front of a sync, end or escape byte inside of the frame stands `escape`, and the
             byte is changed by `escape_xor`; "dle": sync and end are DLE and another byte, a DLE inside stands twice;

@@ -16,10 +16,12 @@ from protocols.checksums import CHECKSUMS
 from protocols.descriptions import Place, Problem
 from protocols.errors import LocalProtocolError
 from protocols.line_example import HOLES, checksum_digits, fitting, parts, widths
-from protocols.line_format import LineFormat
+from protocols.line_format import ENCODINGS, LineFormat
 from protocols.patterns import Pattern, PatternError
 
 _MARK = "{address}"
+_ANY = r"[^\x00-\x1f\x7f]"
+"""A character that can be printed, whatever the encoding."""
 _FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")
 """Of a number in a template: a wider one would take any amount of memory."""
 LONGEST_TICK_US = 1e9
@@ -98,13 +100,13 @@ def _fixed(columns: Mapping[str, tuple[int, int]], values: Mapping[str, Any], pr
     for name, (first, last) in sorted(columns.items(), key=lambda item: item[1]):
         if first < at:
             problems.append((("columns", name), "overlaps the previous column"))
-        pattern += f"[ -~]{{{first - at}}}" if first > at else ""
-        pattern += f"(?P<{name}>[ -~]{{{last - first + 1}}})"
+        pattern += f"{_ANY}{{{first - at}}}" if first > at else ""
+        pattern += f"(?P<{name}>{_ANY}{{{last - first + 1}}})"
         at = last + 1
     rest = values.get("length", at - 1) - at + 1
     if rest < 0:
         problems.append((("length",), f"is shorter than the columns, which end at character {at - 1}"))
-    return pattern + (f"[ -~]{{{rest}}}" if rest > 0 else "")
+    return pattern + (f"{_ANY}{{{rest}}}" if rest > 0 else "")
 
 
 def _separated(columns: Mapping[str, int], separator: str, problems: list[Problem]) -> str:
@@ -193,9 +195,18 @@ def _template_problem(made: LineFormat) -> str:
         lines = [_templated(made, number) for number in TRIED]
     except (KeyError, IndexError, ValueError) as error:
         return f"{error}; allowed fields: {{value}}, {{unit}} and {{checksum}}"
-    if not any(line.isascii() and made.match(line) for line in lines):
+    if not any(_encodes(line, made.encoding) and made.match(line) for line in lines):
         return f"produces {lines[0]!r:.200}, which does not match the pattern"
     return ""
+
+
+def _encodes(text: str, encoding: str) -> bool:
+    """Whether all characters exist in an encoding."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _templated(made: LineFormat, number: float) -> str:
@@ -211,9 +222,9 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         return
     fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
     for key, text in (("pattern", fixed), ("unit", made.unit if "unit" in made.groups else "")):
-        if not text.isascii():
-            other = next(letter for letter in text if not letter.isascii())
-            yield (key,), f"can never match: {other!r} is not ASCII, but a line is ASCII text; use a binary format"
+        if (other := next((letter for letter in text if not _encodes(letter, made.encoding)), "")):
+            yield (key,), f"can never match: {other!r} is not a character of {made.encoding.upper()}. Fix: write " \
+                f"encoding = one of {', '.join(ENCODINGS)}, or use a binary format"
             return
     if not any(fitting(made, [number]) for number in TRIED):
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
@@ -354,7 +365,7 @@ def field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Probl
     """What is wrong with a field: numbers that it cannot hold, entries that do not belong to its type."""
     counts = name in {"sequence", "time"}
     if item.type.startswith("f"):
-        if counts or name == "status":
+        if counts or name in {"status", "decimals"}:
             yield ("type",), "must be a whole number (u or i)"
         for key, given in (("bits", item.bits), ("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
             if given:

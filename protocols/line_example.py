@@ -28,7 +28,7 @@ _CATEGORIES: Mapping[str, Callable[[str], bool]] = {
     "CATEGORY_WORD": lambda letter: letter.isalnum() or letter == "_",
     "CATEGORY_NOT_WORD": lambda letter: not (letter.isalnum() or letter == "_"),
 }  # fmt: skip
-HOLES = ("value", "sign", "unit", "status", "checksum")
+HOLES = ("value", "sign", "unit", "status", "decimals", "checksum")
 WIDEST = 16
 MOST_DECIMALS = 7
 
@@ -214,7 +214,10 @@ def filled(line_format: LineFormat, text: Sequence[str], number: str, sign: str)
     """A line from the parts of its pattern, its checksum still zeros; `sign` is for a group of that name."""
     normal = next((token for token, meaning in line_format.status.items() if meaning == "ok"), "")
     digits = "0" * checksum_digits(line_format)
-    content = {"value": number, "unit": line_format.unit, "status": normal, "checksum": digits, "sign": sign}
+    content = {
+        "value": number, "unit": line_format.unit, "status": normal, "checksum": digits, "sign": sign,
+        "decimals": str(line_format.decimals),
+    }  # fmt: skip
     line = ""
     for part in text:
         name, _, width = part[1:].partition(":")

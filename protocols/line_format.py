@@ -32,6 +32,9 @@ NUMBERS = {
 }
 """How a number may be written."""
 SIGNS = ("leading", "trailing", "separate")
+ENCODINGS = ("ascii", "latin-1", "cp437")
+"""Of characters above 7F, such as the signs for degree and micro; one byte each."""
+MOST_DECIMALS = 9
 STATUSES = {"ok": 0, "overload": STATUS_OVERLOAD, "fault": STATUS_SENSOR_FAULT}
 _NO_CLOCK = -1
 _HEX_DIGITS = {1: "02X", 2: "04X", 4: "08X"}
@@ -44,14 +47,16 @@ class LineFormat:
     Attributes:
         name: as in the bench file.
         pattern: regular expression for the line without start and terminator; it must match all of it. Group `value`
-            is the number; groups `sign`, `unit`, `status` and `checksum` are optional.
+            is the number; groups `sign`, `unit`, `status`, `decimals` and `checksum` are optional.
+        encoding: of its characters, one of `ENCODINGS`.
         start: bytes that begin a line, b"" where nothing does; what comes before them is dropped.
         terminator: bytes that end a line, e.g. b"\r\n".
         number: how the number is written, a key of `NUMBERS`.
         decimal_mark: "." or ",".
         sign: where the sign stands: "leading", "trailing", or "separate" in group `sign`.
         negative_tokens: texts of group `sign` that mean a negative number.
-        decimals: implied decimal places, applied when the number is written without a mark.
+        decimals: implied decimal places, applied when the number is written without a mark; a group `decimals` of the
+            line states them instead.
         scale, offset: value = number * scale + offset, after the implied decimals.
         unit: unit of the value; a `unit` group must equal it, or be a key of `units`.
         units: factor to `unit` by the unit on the wire.
@@ -93,6 +98,7 @@ class LineFormat:
     nominal_rate_Hz: float | None = None
     exchange: Exchange = field(default_factory=Exchange)
     template: str = ""
+    encoding: str = "ascii"
     _regex: Pattern = field(init=False, repr=False, compare=False)
     _plain: bool = field(init=False, repr=False, compare=False)
     _statuses: Mapping[str, int] = field(init=False, repr=False, compare=False)
@@ -136,14 +142,14 @@ class LineFormat:
             raise RemoteProtocolError(f"{self.name}: got a line of {len(line)} bytes, expected at most "
                 f"{self.maximum_length}")
         try:
-            text = line.decode("ascii")
+            text = line.decode(self.encoding)
         except UnicodeDecodeError as error:
-            raise RemoteProtocolError(f"{self.name}: not ASCII: {line!r}") from error
+            raise RemoteProtocolError(f"{self.name}: not {self.encoding.upper()}: {line!r}") from error
         match = self._regex.fullmatch(text)
         if match is None:
             raise RemoteProtocolError(f"{self.name}: {text!r} does not match {self.pattern!r}")
         if self._plain:
-            return self._value(match["value"], 1.0, negative=False)
+            return self._value(match["value"], 1.0, self.decimals, negative=False)
         groups = self._regex.groups
         if self.checksum != "none":
             self._check_sum(text, match)
@@ -152,7 +158,8 @@ class LineFormat:
             return math.nan, status | self._tokens.get((match["value"] or "").strip(), 0)
         factor = self._factor(match["unit"]) if "unit" in groups else 1.0
         negative = "sign" in groups and self._negative(match["sign"])
-        return self._value(match["value"], factor, negative=negative)
+        decimals = self._places(match["decimals"]) if "decimals" in groups else self.decimals
+        return self._value(match["value"], factor, decimals, negative=negative)
 
     def _is_plain(self) -> bool:
         """Nothing beside the number has to be looked at."""
@@ -187,7 +194,18 @@ class LineFormat:
         except KeyError:
             raise RemoteProtocolError(f"{self.name}: the meaning of status {text!r} is not defined") from None
 
-    def _value(self, text: str | None, factor: float, *, negative: bool) -> tuple[float, int]:
+    def _places(self, text: str | None) -> int:
+        """Decimal places that the line states.
+
+        Raises:
+            RemoteProtocolError: it states none, or more than `MOST_DECIMALS`.
+        """
+        stated = (text or "").strip()
+        if not (stated.isascii() and stated.isdigit() and int(stated) <= MOST_DECIMALS):
+            raise RemoteProtocolError(f"{self.name}: expected 0 to {MOST_DECIMALS} decimal places, got {text!r}")
+        return int(stated)
+
+    def _value(self, text: str | None, factor: float, decimals: int, *, negative: bool) -> tuple[float, int]:
         """Number or token.
 
         Raises:
@@ -196,12 +214,12 @@ class LineFormat:
         token = (text or "").strip()
         if token in self._tokens:
             return math.nan, self._tokens[token]
-        number = self._number(token)
+        number = self._number(token, decimals)
         if number is None:
             raise RemoteProtocolError(f"{self.name}: {text!r} is not a plain {self.number} number")
         return ((-number if negative else number) * self.scale + self.offset) * factor, 0
 
-    def _number(self, token: str) -> float | None:
+    def _number(self, token: str, decimals: int) -> float | None:
         """The number a text means, implied decimals applied; None for anything else."""
         digits = token.replace(" ", "")
         if self.decimal_mark == ",":
@@ -220,11 +238,11 @@ class LineFormat:
             raw = int(digits, 16)
             if self.number == "hexadecimal-signed" and raw >> (4 * len(digits) - 1):
                 raw -= 1 << 4 * len(digits)
-            return float(raw) / 10.0**self.decimals
+            return float(raw) / 10.0**decimals
         number = float(digits)
         if not math.isfinite(number):
             return None
-        return number if "." in digits or not self.decimals else number / 10**self.decimals
+        return number if "." in digits or not decimals else number / 10**decimals
 
     def _check_sum(self, text: str, match: Match) -> None:
         """Compare the checksum of a line.
@@ -254,7 +272,7 @@ class LineFormat:
                 raise RemoteProtocolError(f"{self.name}: {text!r} does not contain the characters that enclose the "
                     "part covered by its checksum")
             covered = text[begin + len(self.checksum_from) : end]
-        return format(kind.of(covered.encode("ascii")), _HEX_DIGITS[kind.size])
+        return format(kind.of(covered.encode(self.encoding)), _HEX_DIGITS[kind.size])
 
 
 class LineDecoder:

@@ -23,6 +23,8 @@ MOST_REGISTERS = 125
 """Registers of one request."""
 _TRANSACTION = bytes([0, 1, 0, 0])
 """Transaction and protocol identifier: requests go out one at a time, so that all may have the same."""
+OTHERS = ("status", "decimals")
+"""Tables with a register of their own, read with the reading."""
 _CRC = "crc16-modbus"
 
 
@@ -40,11 +42,12 @@ def modbus_format(values: Mapping[str, Any], problems: list[Problem]) -> BinaryF
     if problems:
         return None
     first = values["address"] - base
-    place = first if status is None else status["address"] - base
-    begin, end = min(first, place), max(first + count, place + 1)
+    others = {key: values[key]["address"] - base for key in OTHERS if key in values}
+    begin = min([first, *others.values()])
+    end = max([first + count, *(place + 1 for place in others.values())])
     if end - begin > MOST_REGISTERS:
         text = f"is too far from the address of the reading; one request reads at most {MOST_REGISTERS} registers"
-        problems.append((("status", "address"), text))
+        problems.append(((max(others, key=lambda key: abs(others[key] - first)), "address"), text))
         return None
     unit, function = values.get("device_id", 1), FUNCTIONS[values.get("function", "holding")]
     asked = bytes([unit, function, *begin.to_bytes(2, "big"), *(end - begin).to_bytes(2, "big")])
@@ -60,8 +63,11 @@ def modbus_format(values: Mapping[str, Any], problems: list[Problem]) -> BinaryF
     fields = {"value": _value(values, type_, len(sync) + 2 * (first - begin))}
     if status is not None:
         masks = {key: status[key] for key in ("overload_bits", "fault_bits") if key in status}
-        at = len(sync) + 2 * (place - begin)
+        at = len(sync) + 2 * (others["status"] - begin)
         fields["status"] = Field(at, "u16", values.get("byte_order", "big"), **masks)
+    if "decimals" in others:
+        at = len(sync) + 2 * (others["decimals"] - begin)
+        fields["decimals"] = Field(at, "u16", values.get("byte_order", "big"))
     made = BinaryFormat(
         name=values.get("name", "custom"), sync=sync, length=length, fields=fields,
         checksum=_CRC if rtu else "none", checksum_at=length - 2, checksum_over=(0, length - 3),
@@ -69,7 +75,7 @@ def modbus_format(values: Mapping[str, Any], problems: list[Problem]) -> BinaryF
         exchange=Exchange(request=asked, answer_timeout_s=1e-3 * values.get("answer_timeout_ms", 100.0)),
     )  # fmt: skip
     for name, field in fields.items():
-        problems += (((*(("status",) * (name == "status")), *place), text)
+        problems += (((*((name,) * (name in OTHERS)), *place), text)
                      for place, text in field_problems(name, field, made))  # fmt: skip
     return None if problems else made
 
@@ -90,13 +96,12 @@ def _check_addresses(values: Mapping[str, Any], count: int, problems: list[Probl
         problems.append(((), "key 'address' is missing; it states the address of the first register of the reading"))
         return
     base = values.get("first_address", 0)
-    status = values.get("status")
     places: list[tuple[Place, int, int]] = [(("address",), values["address"], count)]
-    if status is not None:
-        places.append((("status", "address"), status["address"], 1))
+    places += [((key, "address"), values[key]["address"], 1) for key in OTHERS if key in values]
     for place, register, registers in places:
         if not base <= register <= base + LAST_ADDRESS + 1 - registers:
             last = base + LAST_ADDRESS + 1 - registers
             problems.append((place, f"must be from {base} (first_address) to {last}"))
-    if status is not None and not problems and places[0][1] <= status["address"] < places[0][1] + count:
-        problems.append((("status", "address"), "belongs to the value"))
+    for place, register, _ in () if problems else places[1:]:
+        if places[0][1] <= register < places[0][1] + count:
+            problems.append((place, "belongs to the value"))

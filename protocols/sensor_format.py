@@ -133,7 +133,7 @@ def _lines(values: dict[str, Any], problems: list[Problem]) -> LineFormat | None
     longest = values.get("length", values.get("maximum_length", 64))
     same = ("start", "terminator", "number", "decimal_mark", "sign", "negative_tokens", "decimals", "scale", "offset",
             "unit", "units", "status", "overload_tokens", "fault_tokens", "checksum", "checksum_from", "checksum_to",
-            "checksum_over", "nominal_rate_Hz", "template")  # fmt: skip
+            "checksum_over", "nominal_rate_Hz", "template", "encoding")  # fmt: skip
     made = LineFormat(
         name=values.get("name", "custom"), pattern=pattern, maximum_length=longest, exchange=_exchange(values),
         **{key: values[key] for key in same if key in values},

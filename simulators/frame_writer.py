@@ -75,6 +75,8 @@ class FrameWriter:
             raw["sequence"] = sequence
         if "time" in fields:
             raw["time"] = int(stamp_us / fields["time"].scale)
+        if "decimals" in fields:
+            raw["decimals"] = round(-fields["decimals"].offset / fields["decimals"].scale)
         if layout.packed:
             return self._packed(raw)
         frame = bytearray(layout.length)

@@ -95,7 +95,7 @@ class LineWriter:
         else:
             sign = layout.negative_tokens[0] if number < 0 else self._style.plus
             text = filled(layout, self._parts, self._style.write(number), sign)
-        return layout.start + self._summed(text, value).encode("ascii") + layout.terminator
+        return layout.start + self._summed(text, value).encode(layout.encoding) + layout.terminator
 
     def _templated(self, shown: float, checksum: str) -> str:
         """The template filled in.
@@ -131,13 +131,15 @@ class LineWriter:
             begin = text.index(layout.checksum_from) + len(layout.checksum_from) if layout.checksum_from else 0
             covered = text[begin : text.rindex(layout.checksum_to) if layout.checksum_to else first]
         kind = layout.checksum.removesuffix("-hex")
-        total = reduce(xor, covered.encode(), 0) if kind == "xor" else total_of(kind, covered.encode())
+        data = covered.encode(layout.encoding)
+        total = reduce(xor, data, 0) if kind == "xor" else total_of(kind, data)
         return f"{text[:first]}{total:0{last - first}X}{text[last:]}"
 
     def _token(self, tokens: tuple[str, ...], meaning: str) -> bytes:
         """The line of zero with the device's word in place of number or status; empty where none fits."""
         layout = self._format
-        text = self._line(self._middle).removeprefix(layout.start).removesuffix(layout.terminator).decode("ascii")
+        line = self._line(self._middle).removeprefix(layout.start).removesuffix(layout.terminator)
+        text = line.decode(layout.encoding)
         match = layout.match(text)
         if match is None:
             return b""
@@ -149,7 +151,7 @@ class LineWriter:
             for left, right in sorted(product(range(room + 1), repeat=2), key=lambda pads: abs(sum(pads) - room)):
                 tried = f"{text[:begin]}{' ' * left}{word}{' ' * right}{text[stop:]}"
                 if layout.match(tried) is not None:
-                    return layout.start + self._summed(tried, 0.0).encode("ascii") + layout.terminator
+                    return layout.start + self._summed(tried, 0.0).encode(layout.encoding) + layout.terminator
         return b""
 
     def _noise(self) -> bytes:

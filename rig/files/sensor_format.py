@@ -13,7 +13,7 @@ from pydantic import Field
 
 from protocols.binary_format import LETTERS, ORDERS, SIZES, STUFFINGS
 from protocols.checksums import FRAME_CHECKSUMS, LINE_CHECKSUMS
-from protocols.line_format import LONGEST_LINE, NUMBERS, SIGNS
+from protocols.line_format import ENCODINGS, LONGEST_LINE, NUMBERS, SIGNS
 from protocols.modbus_format import FRAMINGS, FUNCTIONS, TYPES
 from protocols.sensor_format import kind_of
 from rig.files.quantity import Check
@@ -116,6 +116,10 @@ class LineFormatFile(_Format):
     maximum_length: Place | None = Field(
         None, description="maximum line length in characters, without start and terminator (default 64)"
     )
+    encoding: Literal[ENCODINGS] | None = Field(  # type: ignore[valid-type]  # the format's own list
+        None, description="encoding of characters above 7F, such as the degree and micro signs (default ascii: a line "
+            "with such a character is invalid)"
+    )
     number: Literal[tuple(NUMBERS)] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="number format (default decimal)"
     )
@@ -128,7 +132,7 @@ class LineFormatFile(_Format):
         None, description='strings in a separate sign field that mean a negative number (default ["-"])'
     )
     decimals: int | None = Field(None, ge=0, le=9, description="number of implied decimal places if the number has no "
-        "decimal separator")
+        "decimal separator; with a group or column `decimals`, the line itself states this number")
     scale: float | None = Field(None, description="scale in value = number * scale + offset (default: 1)")
     offset: float | None = Field(None, description="see scale (default 0)")
     units: dict[str, float] | None = Field(
@@ -199,6 +203,7 @@ class Fields(DescriptionTable):
     status: FieldEntry | None = None
     sequence: FieldEntry | None = None
     time: FieldEntry | None = None
+    decimals: FieldEntry | None = Field(None, description="number of decimal places of the value, 0 to 9")
 
 
 class FrameFormatFile(_Format):
@@ -248,6 +253,12 @@ class StatusRegister(DescriptionTable):
     fault_bits: Mask | None = Field(None, description="mask of the bits that mean that the sensor is broken")
 
 
+class DecimalsRegister(DescriptionTable):
+    """A register that states how many decimal places the reading has."""
+
+    address: Register = Field(examples=[2])
+
+
 class ModbusFormatFile(_AnyFormat):
     """A Modbus register that is read for each reading."""
 
@@ -279,6 +290,9 @@ class ModbusFormatFile(_AnyFormat):
         None, description="numbers that mean that the sensor is broken or not connected"
     )
     status: StatusRegister | None = Field(None, description="register with status bits, read with the reading")
+    decimals: DecimalsRegister | None = Field(
+        None, description="register with the number of decimal places of the reading, read with the reading"
+    )
 
 
 FormatFile = LineFormatFile | FrameFormatFile | ModbusFormatFile

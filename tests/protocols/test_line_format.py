@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +13,8 @@ from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from protocols.line_format import LineDecoder, LineFormat
 from protocols.sensor_format import from_description, preset
 from protocols.sensor_presets import TABLES
+from rig.files.descriptions import problems_of
+from simulators.line_writer import LineWriter
 
 PRESETS = [name for name in TABLES if isinstance(preset(name), LineFormat)]
 LINES = {
@@ -266,3 +269,36 @@ def test_a_base_s_entries_hold_where_the_table_has_none() -> None:
 def test_an_unknown_preset_names_those_there_are() -> None:
     with pytest.raises(LocalProtocolError, match="unknown line format 'nope'; known: signed-decimal"):
         preset("nope")
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "value"),
+    [
+        ({"pattern": r"(?P<value>[+-]\d+\.\d) (?P<unit>µm)", "unit": "µm", "encoding": "latin-1"}, b"+2.5 \xb5m", 2.5),
+        ({"pattern": r"(?P<value>\d+)(?P<unit>°C)", "unit": "°C", "encoding": "cp437"}, b"25\xf8C", 25.0),
+        ({"pattern": r"(?P<value>[+-]\d{5}),(?P<decimals>\d)"}, b"-01234,3", -1.234),
+        ({"columns": {"value": [1, 6], "decimals": [8, 8]}, "decimals": 2}, b"+01250 0", 1250.0),
+        ({"columns": {"value": [1, 4], "unit": [5, 6]}, "unit": "µm", "encoding": "latin-1"}, b" 1.5\xb5m", 1.5),
+    ],
+)
+def test_high_bytes_and_decimal_places_that_the_line_states(
+    table: dict[str, object], line: bytes, value: float
+) -> None:
+    assert problems_of("sensor-format", table) == []
+    made = from_description(table)
+    assert isinstance(made, LineFormat)
+    assert made.decode(line) == (pytest.approx(value), 0)
+    written = LineWriter(made, 0.0, 90.0)
+    row = written.joined(written(np.array([40.0]), np.array([0], np.uint8)))
+    assert LineDecoder(made, answers=True).feed(row)[0][2] == pytest.approx(40.0, abs=0.5)
+
+
+def test_a_sign_beyond_the_encoding_and_places_beyond_nine_are_refused() -> None:
+    found = problems_of("sensor-format", {"pattern": r"(?P<value>\d+)(?P<unit>µm)", "unit": "µm"})
+    assert [place for place, _ in found] == [("unit",)]
+    assert "latin-1" in found[0][1]
+    made = from_description({"pattern": r"(?P<value>\d+),(?P<decimals>.*)"})
+    assert isinstance(made, LineFormat)
+    for line in (b"12,x", b"12,", b"12,10", b"12,-1"):
+        with pytest.raises(RemoteProtocolError, match="0 to 9 decimal places"):
+            made.decode(line)

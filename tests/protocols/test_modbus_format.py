@@ -94,3 +94,19 @@ def test_the_framing_that_a_url_must_fit() -> None:
     assert [modbus_framing(given) for given in ("labjack-t", {"address": 0, "framing": "rtu"}, "hbm-aed")] == [
         "tcp", "rtu", "",
     ]  # fmt: skip
+
+
+def test_another_register_states_the_decimal_places() -> None:
+    """A panel meter: the reading in registers 2 and 3, the position of its decimal point in register 8."""
+    described = made(address=2, type="i32", decimals={"address": 8}, unit="kN")
+    assert described.exchange.request[-4:] == bytes.fromhex("0002 0007")
+    head = bytes.fromhex("0001 0000 0011 01 03 0E")
+    decoder = BinaryDecoder(described, answers=True)
+    for places, value, status in ((0, -12345.0, 0), (2, -123.45, 0), (10, math.nan, 2)):
+        answer = head + struct.pack(">iHHHHH", -12345, 9, 9, 9, 9, places)
+        ((_, _, shown, told, _),) = decoder.feed(answer)
+        assert (shown, told) == (pytest.approx(value, nan_ok=True), status)
+    writer = FrameWriter(described, *span_of(described))
+    rows = writer.joined(writer(np.array([7.0]), np.array([0], np.uint8), np.arange(1), np.arange(1)))
+    assert decoder.feed(rows)[0][2] == 7.0
+    assert problems_of("sensor-format", {"kind": "modbus", "address": 2, "type": "i32", "decimals": {"address": 3}})
