@@ -135,14 +135,31 @@ def run_path(given: Path | str, *, with_empty: bool = False) -> Path:
     Raises:
         FileProblem: no run or several runs match; the message lists the similar or matching names.
     """
-    path = Path(given)
-    if os.path.lexists(path) or not path.name:
-        return path
-    folder = LOGS
-    if path.parent != Path():
-        folder = run_path(path.parent)
-        if CampaignFolder(folder).points.is_dir():
-            return folder / path.name
+    path, below = Path(given), list[str]()
+    while path.name and not os.path.lexists(path):
+        below.append(path.name)
+        path = path.parent
+    place = path
+    while below:
+        path /= below.pop()
+        place = _inside(None if path.parent == Path() else place, path, with_empty=with_empty and not below)
+    return place
+
+
+def _inside(folder: Path | None, path: Path, *, with_empty: bool) -> Path:
+    """The run, or the file in a run, that the last component of a path specifies.
+
+    Args:
+        folder: what the path without this component specifies; None: the path has no other component.
+        path: as the user specified it.
+        with_empty: whether runs without recorded points count.
+
+    Raises:
+        FileProblem: as `run_path`.
+    """
+    if folder is not None and os.path.isdir(CampaignFolder(folder).points):  # False for a path that is too long
+        return folder / path.name
+    folder = folder or LOGS
     names = by_age(folder)
     if count := LAST.fullmatch(path.name):
         back = int(count[1] or count[2] or 1)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.campaign.results import NOT_RUN, CampaignResult, PointResult
-from rig.campaign.sequencer.state import Phase
+from rig.campaign.sequencer.state import Phase, phase_kind
 from rig.clock import monotonic_ns, utc_now
 from rig.matrix.plan import Plan
 from rig.recording.quality.stopped_point import was_stopped
@@ -44,7 +44,7 @@ class LiveDisplay:
         self._messages: deque[dict[str, Any]] = deque(maxlen=KEPT_MESSAGES)
         self._message_count = 0
         self._state: dict[str, Any] = {
-            "phase": "", "stopping": False, "point": "", "cycles": 0, "time_left_s": None, "ended": None,
+            "phase": "", "kind": str(phase_kind("")), "stopping": False, "point": "", "cycles": 0, "time_left_s": None, "ended": None,
         }  # fmt: skip
 
     def planned(self, plan: Plan) -> None:
@@ -63,7 +63,7 @@ class LiveDisplay:
 
     def phase(self, text: str) -> None:
         """What the campaign does now."""
-        self._state["phase"] = text
+        self._state |= {"phase": text, "kind": str(phase_kind(text))}
         if text == Phase.STOPPING:
             self._state["stopping"] = True
         elif text in MOVING:

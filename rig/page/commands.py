@@ -15,7 +15,6 @@ On the page of a bench, answered by `rig.page.desk`:
     {"do": "plan", "matrix": NAME}                        an operator's client; so is "questions" with "run": NAME
     {"do": "begin", "matrix", "planned", "serial_number"} the holder of the lease; so are "resume" with "run",
                                                           "confirmed", "requalified", and "make-report" with "run"
-    {"do": "show", "run": NAME}                           an operator's client: the run's view shows this finished run
 
 There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
 application at once; the others to the application alone, which decides.
@@ -39,7 +38,7 @@ LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 LONGEST_KEY = 64
 MOST_CONFIRMED = 100
-DESK_READS = frozenset({"plan", "questions", "show"})
+DESK_READS = frozenset({"plan", "questions"})
 DESK = DESK_READS | {"begin", "resume", "make-report"}
 """What `rig.page.desk` answers; the first of it starts and changes nothing."""
 
@@ -52,6 +51,8 @@ class Client:
     key: str
     bench: bool = False
     """It shows the bench and no samples."""
+    run: str = ""
+    """Name of the finished run that it shows; empty: the run of now."""
 
 
 class Commands:

@@ -148,8 +148,8 @@ class Desk:
         self._now_ns = now_ns
         self._place = place
         self._looked_ns = -LOOK_EVERY_NS
-        self._listed: tuple[list[dict[str, Any]], str] = [], ""
-        self._listed_ns = -LOOK_EVERY_NS
+        self._listed_ns: int | None = None
+        self._listing = asyncio.Lock()
         self._plans: dict[str, dict[str, Any]] = {}
         self._asking = asyncio.Lock()
         self._waiting = 0
@@ -257,6 +257,14 @@ class Desk:
             self.started = replace(started, words={})
             self.started.keep()
 
+    def finished(self, name: str) -> WatchedRun | None:
+        """A run of the list for the browser that shows it; None: not in the list, or the rig is in use.
+
+        While a run is in progress, every browser shows that run.
+        """
+        run = self.history.entry(name)
+        return WatchedRun(self.bench.out / str(run["name"])) if run is not None and self.idle else None
+
     def show_newest(self) -> None:
         """Watch the newest run where none is watched yet."""
         newest = self.history.newest()
@@ -266,10 +274,7 @@ class Desk:
     def status(self) -> dict[str, Any]:
         """What a bench's page shows above its lists."""
         run, started = self.watched.run, self.started
-        now_ns = self._now_ns()
-        if now_ns - self._listed_ns >= LOOK_EVERY_NS:
-            self._listed, self._listed_ns = self.matrices.listed(), now_ns
-        listed, note = self._listed
+        listed, note = self.matrices.listing
         phase = self.phase
         live = phase in {Phase.RUNNING, Phase.EVALUATING} and self.live_folder is not None
         begun = None if started is None else {"by": started.by, "title": started.title, "utc": started.utc}
@@ -282,10 +287,23 @@ class Desk:
             "outcome": self.outcome if phase is Phase.IDLE else {},
         }  # fmt: skip
 
+    @property
+    def matrices_due(self) -> bool:
+        """Whether the folder of the matrix files is to be read: once, then about once a second while nothing runs."""
+        if self._listing.locked():
+            return False
+        return self._listed_ns is None or (self._now_ns() - self._listed_ns >= LOOK_EVERY_NS and self.idle)
+
+    async def list_matrices(self) -> None:
+        """Read the folder of the matrix files; a Stop does not wait for that."""
+        async with self._listing:
+            await asyncio.to_thread(self.matrices.look)
+            self._listed_ns = self._now_ns()
+
     # What is asked of it
 
     async def answer(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`, `show`.
+        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
 
         One at a time, and few that wait: the processor is the rig's. `of` names the matrix or run it is about.
         """
@@ -293,7 +311,7 @@ class Desk:
         reply = {"do": do, "of": one_line(message.get("matrix", message.get("run")), LONGEST_NAME)}
         answers = {
             "plan": self._plan, "questions": self._questions, "begin": self._begin, "resume": self._resume,
-            "make-report": self._make_report, "show": self._show,
+            "make-report": self._make_report,
         }  # fmt: skip
         if self._waiting >= MOST_WAITING:
             return {**reply, "refused": "page-busy", "text": "Too many requests are waiting. Try again in a moment."}
@@ -338,6 +356,7 @@ class Desk:
     async def _plan(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
         del asker
         self._idle()
+        await self.list_matrices()
         name = message.get("matrix")
         path = self._matrix(name)
         answer = await self._ask({"do": "plan", "matrix": str(path), "bench": str(self.bench.path)})
@@ -423,16 +442,6 @@ class Desk:
         if run is None or not run["recorded"]:
             raise Refusal("unknown-run", "This run has no recorded points.")
         await self._ask({"do": "report", "run": str(self.bench.out / run["name"])})
-        return {"ok": True, "run": run["name"]}
-
-    async def _show(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        del asker
-        self._idle()
-        run = self.history.entry(message.get("run"))
-        if run is None:
-            raise Refusal("unknown-run", "This run is not in the list.")
-        self.watched.close()
-        self.watched = WatchedRun(self.bench.out / str(run["name"]))
         return {"ok": True, "run": run["name"]}
 
     def _start(self, arguments: tuple[str, ...], asker: Asker, title: str, message: Mapping[str, Any]) -> None:

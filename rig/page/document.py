@@ -13,6 +13,7 @@ from importlib.resources import files
 RUN, BENCH = "page", "bench"
 """The view of a run, and that of a bench."""
 LIBRARY, LIBRARY_STYLE, LIBRARY_LICENCE = "vendor/uPlot.iife.min.js", "vendor/uPlot.min.css", "vendor/uPlot.LICENSE"
+HEAD = "head.html"
 STYLES = {RUN: (LIBRARY_STYLE, "page.css"), BENCH: ("page.css", "bench.css")}
 SCRIPTS = {
     RUN: ("dom.js", "series.js", "charts.js", "panels.js", "banner.js", "link.js", "page.js"),
@@ -23,7 +24,7 @@ SCRIPTS = {
 @cache
 def document(view: str = RUN) -> bytes:
     """A whole page, UTF-8."""
-    page = _static(f"{view}.html").replace("/*LICENCE*/", _static(LIBRARY_LICENCE))
+    page = _static(f"{view}.html").replace("/*HEAD*/\n", _static(HEAD)).replace("/*LICENCE*/", _static(LIBRARY_LICENCE))
     page = page.replace("/*STYLE*/", _joined(STYLES[view])).replace("/*LIBRARY*/", _static(LIBRARY))
     return page.replace("/*SCRIPT*/", _joined(SCRIPTS[view])).encode()
 

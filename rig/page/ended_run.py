@@ -79,7 +79,7 @@ class EndedRun:
 
     @property
     def points(self) -> dict[str, dict[str, Any]]:
-        """Verdicts by point, as pages are told them; `file` where there is one."""
+        """Verdicts by point, as sent to pages; `file` where there is one."""
         return {
             str(point.get("id")): {
                 "verdict": str(point.get("verdict", "")), "reasons": _texts(point.get("reasons")),
@@ -156,8 +156,8 @@ def _result(journal: Path) -> dict[str, Any]:
     state_text = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
     lines = [text for text in (str(result.get("detail") or ""), state_text[:1].upper() + state_text[1:]) if text]
     lines += [str(one.get("text", "")) for one in _objects(result.get("findings"))]
-    told = {key: result.get(key) for key in KEYS}
-    return {**told, "points": list(points.values()), "lines": lines, **times}
+    ending = {key: result.get(key) for key in KEYS}
+    return {**ending, "points": list(points.values()), "lines": lines, **times}
 
 
 def _objects(value: object) -> list[dict[str, Any]]:

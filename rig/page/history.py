@@ -33,6 +33,7 @@ class History:
         self.folder = folder
         self._simulated = simulated
         self._ended: dict[str, EndedRun] = {}
+        self._read: dict[Path, tuple[tuple[int, int], dict[str, Any]]] = {}
         self.runs: list[dict[str, Any]] = []
 
     def look(self) -> list[dict[str, Any]]:
@@ -40,7 +41,20 @@ class History:
         names = [name for name in by_age(self.folder)[-MOST_RUNS:] if self._is_run(name)]
         self._ended = {name: self._ended.get(name) or EndedRun(self.folder / name) for name in names}
         self.runs = [self._entry(name) for name in reversed(names)]
+        listed = {self.folder / name for name in names}
+        self._read = {path: known for path, known in self._read.items() if path.parent in listed}
         return self.runs
+
+    def _json(self, path: Path) -> dict[str, Any]:
+        """The content of a file of a run, which is read again when it has changed; empty where there is none."""
+        try:
+            state = path.stat()
+        except OSError:
+            return {}
+        stamp = state.st_mtime_ns, state.st_size
+        if path not in self._read or self._read[path][0] != stamp:
+            self._read[path] = stamp, read_json(path)
+        return self._read[path][1]
 
     def _is_run(self, name: str) -> bool:
         return name.isprintable() and not (self.folder / name).is_symlink()
@@ -73,7 +87,7 @@ class History:
 
     def _entry(self, name: str) -> dict[str, Any]:
         run = CampaignFolder(self.folder / name)
-        described, result = read_json(run.description), self._ended[name].result
+        described, result = self._json(run.description), self._ended[name].result
         verdicts = [str(point.get("verdict", "")) for point in result["points"]]
         planned = described.get("points")
         total = max(len(planned) if isinstance(planned, list) else 0, len(verdicts))
@@ -88,7 +102,7 @@ class History:
             "simulated": simulated, "total": total, "valid": valid, "suspect": suspect,
             "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
             "matrix": _text(described.get("matrix_file"), 120),
-            "operator": _text(read_json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
+            "operator": _text(self._json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
             "rig_state": "" if running else _text(result.get("rig_state"), 20),
             "text": "" if running else _sentences(result.get("lines")),
             "report": not running and run.report.is_file() and not run.report.is_symlink(),

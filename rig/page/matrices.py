@@ -30,14 +30,21 @@ class Matrices:
 
     Args:
         folder: where they are.
+
+    Attributes:
+        listing: what `look` found last: name, serial number and remark of each; and what is not listed, in words.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.listing: tuple[list[dict[str, Any]], str] = [], ""
         self._known: dict[str, tuple[tuple[int, int, int], dict[str, Any] | None]] = {}
 
-    def listed(self) -> tuple[list[dict[str, Any]], str]:
-        """Name, serial number and remark of each; and what is not listed, in words."""
+    def look(self) -> None:
+        """List the files; large ones take up to 0.1 s each, so this is not called in the loop of a server."""
+        self.listing = self._listed()
+
+    def _listed(self) -> tuple[list[dict[str, Any]], str]:
         try:
             with os.scandir(self.folder) as entries:
                 names = sorted(entry.name for entry in entries if entry.name.endswith(".toml"))
@@ -56,8 +63,9 @@ class Matrices:
 
     def path(self, name: object) -> Path | None:
         """The file of a listed name; None for any other, and for a symbolic link."""
-        listed = {entry["name"] for entry in self.listed()[0] if entry["remark"] != LINK}
-        return self.folder / name if isinstance(name, str) and name in listed else None
+        known = isinstance(name, str) and any(entry["name"] == name for entry in self.listing[0])
+        path = self.folder / str(name)
+        return path if known and path.is_file() and not path.is_symlink() else None
 
     def _entry(self, name: str) -> dict[str, Any] | None:
         """One file; None where it is another of the user's files or is gone."""

@@ -20,13 +20,14 @@ import struct
 from array import array
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from itertools import accumulate, pairwise
-from operator import mul, sub
+from operator import itemgetter, mul, sub
 from statistics import median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from drivers.ring import NO_DEVICE_TIME, RECORD, Channel
+from drivers.ring import NO_DEVICE_TIME, Channel
 from protocols.quality import NO_VALUE
 
 HEADER = struct.Struct("<IIdd")
@@ -70,25 +71,30 @@ class Column(NamedTuple):
 NOTHING = Column((), (), ())
 
 
-def columns(records: Any) -> dict[int, Column]:  # noqa: ANN401 - a buffer: records of the ring as they lie there
-    """The shown channels' records; of sensors those that carry a value."""
-    rows: dict[int, list[tuple[Any, ...]]] = {}
-    for row in RECORD.iter_unpack(records):
-        channel = row[4]
+def columns(records: bytes) -> dict[int, Column]:
+    """The shown channels' records of the ring, as they lie there; of sensors those that carry a value."""
+    # Item by item in C (`drivers.ring`: 8-byte words 0 to 2, 2-byte words 14 and 15 of a record): half the time of rows.
+    words, numbers = memoryview(records).cast("q"), memoryview(records).cast("H")
+    host_ns, device_us = words[0::4].tolist(), words[1::4].tolist()
+    values = memoryview(records).cast("d")[2::4].tolist()
+    flags = numbers[15::16].tolist()
+    places: dict[int, list[int]] = {}
+    for place, channel in enumerate(numbers[14::16].tolist()):
         if channel in _SHOWN:
-            if channel in rows:
-                rows[channel].append(row)
+            if channel in places:
+                places[channel].append(place)
             else:
-                rows[channel] = [row]
-    return {channel: _column(channel, of_one) for channel, of_one in rows.items()}
-
-
-def _column(channel: int, rows: Sequence[tuple[Any, ...]]) -> Column:
-    host_ns, device_us, values, _, _, flags = zip(*rows, strict=True)
-    if channel not in SENSORS or (not any(flags) and all(map(math.isfinite, values))):
-        return Column(host_ns, device_us, values)
-    known = [row[:3] for row in rows if not row[5] & _NO_VALUE and math.isfinite(row[2])]
-    return Column(*zip(*known, strict=True)) if known else NOTHING
+                places[channel] = [place]
+    by_channel = {}
+    for channel, of_one in places.items():
+        if channel in SENSORS:
+            of_one = [place for place in of_one if not flags[place] & _NO_VALUE and math.isfinite(values[place])]
+        if len(of_one) > 1:
+            pick = itemgetter(*of_one)
+            by_channel[channel] = Column(pick(host_ns), pick(device_us), pick(values))
+        else:
+            by_channel[channel] = Column(*([column[place] for place in of_one] for column in (host_ns, device_us, values)))
+    return by_channel
 
 
 class DeviceTime:
@@ -281,8 +287,8 @@ class Frames:
         self._loop = Loop(displacement_Hz)
         self._loop_clock = LoopClock(device_rate)
 
-    def frame(self, records: Any, now_s: float) -> bytes:  # noqa: ANN401 - a buffer
-        """One frame of new records of the ring: a buffer of them as they lie there."""
+    def frame(self, records: bytes, now_s: float) -> bytes:
+        """One frame of new records of the ring, as they lie there."""
         by_channel = columns(records)
         series: dict[int, Series] = {}
         for channel in SHOWN:
@@ -312,9 +318,18 @@ def packed(shown: Mapping[int, Series], now_s: float, kind: int = SAMPLES) -> by
     base_s = min([float(time[0]) for _, time, _ in blocks], default=now_s)
     parts = [HEADER.pack(kind, len(blocks), base_s, now_s)]
     for channel, time, value in blocks:
-        since_s = array("f", [at_s - base_s for at_s in time])
-        parts += BLOCK.pack(channel, 0, len(since_s)), since_s.tobytes(), array("f", value).tobytes()
+        if (count := len(time)) <= MOST_LOOP_POINTS:
+            parts.append(_block(count)(channel, 0, count, *[at_s - base_s for at_s in time], *value))
+        else:
+            since_s = array("f", [at_s - base_s for at_s in time])
+            parts += BLOCK.pack(channel, 0, count), since_s.tobytes(), array("f", value).tobytes()
     return b"".join(parts)
+
+
+@cache
+def _block(count: int) -> Callable[..., bytes]:
+    """Packs a block of so many samples."""
+    return struct.Struct(f"<HHI{2 * count}f").pack
 
 
 def thinned(time: Sequence[float], value: Sequence[float], most: int = MOST_POINTS) -> Series:

@@ -12,8 +12,9 @@ import json
 import math
 import socket
 import ssl
+import struct
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
@@ -23,6 +24,7 @@ from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from rig.clock import monotonic_ns
 from rig.page.access import Access, Denied, Role
@@ -34,7 +36,6 @@ from rig.page.lease import Lease
 from rig.page.samples import Frames, packed
 from rig.page.watched_run import WatchedRun
 from rig.recording.journal.ring_reader import RingReader
-from rig.station.live_folder import PLAN, RESULTS, STATE
 
 FRAME_S = 0.040
 NEWS_S = 0.200
@@ -56,7 +57,10 @@ MOST_UNSENT = 1 << 16
 """Bytes that may wait for a browser before frames are left out."""
 SENT_AHEAD = 1 << 16
 """Bytes that the kernel may keep for a browser that reads slowly: what waits there grows old."""
+PIECE = 400
+"""Points of a run in one message: what a Stop waits for while it is written takes milliseconds."""
 TOO_MUCH = 1008
+MESSAGE_HEAD, LONG_MESSAGE_HEAD = struct.Struct(">BBH"), struct.Struct(">BBQ")
 REPORTS = "/report/"
 _OPEN: dict[ServerConnection, bool] = {}
 """Connections of this process, oldest first, and whether each has shown a valid token."""
@@ -106,12 +110,18 @@ class PageServer:
             cancel=None if self._desk is None else self._desk.cancel,
         )  # fmt: skip
         self._tasks: set[asyncio.Task[None]] = set()
+        self._failed: asyncio.Future[None] | None = None
+        self._timer: asyncio.Handle
         self._looking = asyncio.Lock()
         self._sent_status: dict[str, Any] = {}
         self._clients: dict[ServerConnection, Client] = {}
+        self._informed: dict[ServerConnection, Client] = {}
+        self._finished: dict[ServerConnection, WatchedRun] = {}
         self._frames: tuple[RingReader, Frames] | None = None
         self._sent_lease: object = None
         self._sent_run: dict[str, Any] = {}
+        self._sent_results: dict[str, Any] = {}
+        self._reading_run = asyncio.Lock()
         self._reading = asyncio.Lock()
         self._recorded: dict[tuple[str, int], bytes | None] = {}
         self._sending_recorded: dict[ServerConnection, set[asyncio.Task[None]]] = {}
@@ -169,13 +179,14 @@ class PageServer:
         self._clients[connection] = client
         self._lease.back(client.key)
         try:
-            for message in (*self._whole(client), self._standing(client)):
-                await connection.send(written(message))
+            self._later(self._inform(connection, client))
             await self._listen(connection)
         except ConnectionClosed:
             pass  # however it went, it is gone
         finally:
             del self._clients[connection]
+            self._informed.pop(connection, None)
+            self._finished.pop(connection, None)
             for task in self._sending_recorded.pop(connection, set()):
                 task.cancel()
             if all(other.key != client.key for other in self._clients.values()):
@@ -191,7 +202,8 @@ class PageServer:
             return None
         query = parse_qs(urlsplit(request.path).query)
         key = one_line(query.get("client", [""])[0], LONGEST_KEY) or str(connection.id)
-        return Client(access, key, self._desk is not None and query.get("view") == [BENCH])
+        bench = self._desk is not None and query.get("view") == [BENCH]
+        return Client(access, key, bench, "" if bench else query.get("run", [""])[0])
 
     async def _listen(self, connection: ServerConnection) -> None:
         counted: Counter[int] = Counter()
@@ -245,9 +257,17 @@ class PageServer:
         return True
 
     def _later(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something that nothing else waits for; what fails unforeseen ends the page with its traceback."""
+
+        def done(task: asyncio.Task[None]) -> None:
+            self._tasks.discard(task)
+            error = None if task.cancelled() else task.exception()
+            if error is not None and self._failed is not None and not self._failed.done():
+                self._failed.set_exception(error)
+
         task = asyncio.create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(done)
 
     async def refresh(self) -> None:
         """Read the history of the bench again, and show it."""
@@ -269,11 +289,12 @@ class PageServer:
 
     def _on_bench(self) -> list[ServerConnection]:
         """Connections that show the bench."""
-        return [connection for connection, client in self._clients.items() if client.bench]
+        return [connection for connection, client in self._informed.items() if client.bench]
 
     def _on_run(self) -> list[ServerConnection]:
-        """Connections that show the run."""
-        return [connection for connection, client in self._clients.items() if not client.bench]
+        """Connections that show the run of now."""
+        finished = self._finished
+        return [one for one, client in self._informed.items() if not client.bench and one not in finished]
 
     def _send_status(self, desk: Desk) -> None:
         """What the bench's page shows, where it has changed."""
@@ -284,51 +305,70 @@ class PageServer:
 
     async def _send_recorded(self, connection: ServerConnection, point: str) -> None:
         """The frame of a recorded point, with the point's id at its end; or a refusal."""
-        frame = await self._recorded_frame(point)
+        frame = await self._recorded_frame(self._finished.get(connection, self._run), point)
         answer = {"refused": "not-recorded"} if frame is None else {"ok": True}
         with suppress(ConnectionClosed):
             await connection.send(written({"type": "answer", "do": "recorded", "point": point, **answer}))
             if frame is not None:
                 await connection.send(frame + point.encode())
 
-    async def _recorded_frame(self, point: str) -> bytes | None:
-        path = self._run.recorded_file(point)
-        if path is None:
-            return None
-        try:
-            version = str(path), path.stat().st_mtime_ns
-        except OSError:
-            return None
+    async def _recorded_frame(self, run: WatchedRun, point: str) -> bytes | None:
         async with self._reading:  # one file at a time, however many browsers request one
+            path = await asyncio.to_thread(run.recorded_file, point)
+            if path is None:
+                return None
+            try:
+                version = str(path), path.stat().st_mtime_ns
+            except OSError:
+                return None
             if version not in self._recorded:
                 while len(self._recorded) >= MOST_RECORDED:
                     del self._recorded[next(iter(self._recorded))]
                 self._recorded[version] = await asyncio.to_thread(recorded_frame, path)
             return self._recorded[version]
 
-    def _whole(self, client: Client) -> tuple[dict[str, Any], ...]:
-        """All that there is to tell a browser, of the run or of the bench."""
-        if self._desk is not None and client.bench:
-            return self._run.state(), self._desk.status(), self._history(self._desk)
-        events = {"type": "events", "events": list(self._run.events), "all": True}
-        return self._run.description(), self._run.results(), self._run.state(), events
+    async def _inform(self, connection: ServerConnection, client: Client) -> None:
+        """Send a browser all that there is to know, of the run or of the bench; what changes then follows.
 
-    def _standing(self, client: Client) -> dict[str, Any]:
+        Files are read in a thread, one run at a time: whatever their size, a stop does not wait for them.
+        """
+        desk = self._desk
+        with suppress(ConnectionClosed):
+            await connection.send(written(self._standing(connection, client)))
+        async with self._reading_run:
+            if desk is not None and client.run and (finished := desk.finished(client.run)) is not None:
+                self._finished[connection] = finished
+            run = self._finished.get(connection, self._run)
+            if client.bench and desk is not None:
+                first = [*map(written, (desk.status(), self._history(desk)))]
+                texts = [written(await asyncio.to_thread(run.state)), *first]
+            else:
+                texts = await asyncio.to_thread(_whole, run, read_events=run is not self._run)
+            if connection not in self._clients:
+                self._finished.pop(connection, None)
+                return
+            self._informed[connection] = client
+            for text in texts:  # without waiting: no change may come between
+                broadcast([connection], text)
+        if connection in self._finished:
+            broadcast([connection], written(self._standing(connection, client)))
+
+    def _standing(self, connection: ServerConnection, client: Client) -> dict[str, Any]:
         """What this browser may do."""
         holder = self._lease.holder
         mine = self._lease.held_by(client.key)
         return {
             "type": "standing", "role": str(client.role), "mine": mine, "holder": "" if holder is None else holder.name,
             "viewer_url": self._access.url(Role.VIEWER) if client.role is Role.OPERATOR else "",
-            **({} if self._desk is None else self._links(self._desk)),
+            **({} if self._desk is None else self._links(self._desk, self._finished.get(connection, self._run))),
         }  # fmt: skip
 
-    def _links(self, desk: Desk) -> dict[str, Any]:
+    def _links(self, desk: Desk, shown: WatchedRun) -> dict[str, Any]:
         """Of the page of a bench: that it is one, the run's report, and the token for addresses of reports.
 
         Such an address is copied and sent around: it carries no more than a viewer's right.
         """
-        run = self._run.run
+        run = shown.run
         entry = None if run is None else desk.history.entry(run.name)
         report = run.name if run is not None and entry is not None and entry["report"] else ""
         token = self._access.tokens[Role.VIEWER]
@@ -338,29 +378,41 @@ class PageServer:
     def _send_lease(self) -> None:
         self._sent_lease = self._lease.holder
         for connection, client in self._clients.items():
-            broadcast([connection], written(self._standing(client)))
+            broadcast([connection], written(self._standing(connection, client)))
 
     async def send(self) -> None:
         """Samples, and what has changed of the run, until cancelled; without a client no sample is read.
 
-        One loop for both: to wake up costs more than what is done then.
+        One timer for both, which is no task: to wake up costs more than what is done then.
         """
         loop = asyncio.get_running_loop()
+        self._failed = failed = loop.create_future()
         due_s = news_due_s = loop.time()
-        while True:
-            watched = bool(self._on_run())
-            if watched:
-                self.send_frame()
-            else:
-                self._frames = None  # who comes next sees what is new then
-            if due_s >= news_due_s:
-                self.send_changes()
-                news_due_s = due_s + NEWS_S - 0.5 * FRAME_S
+
+        def turn() -> None:
+            nonlocal due_s, news_due_s
+            try:
+                watched = bool(self._on_run())
+                if watched:
+                    self.send_frame()
+                else:
+                    self._frames = None  # who comes next sees what is new then
+                if due_s >= news_due_s:
+                    self.send_changes()
+                    news_due_s = due_s + NEWS_S - 0.5 * FRAME_S
+            except Exception as error:  # noqa: BLE001 - it ends the page with its traceback, by `send`
+                failed.set_exception(error)
+                return
             due_s += FRAME_S if watched else NEWS_S
-            late_s = loop.time() - due_s
-            if late_s > 0.0:  # what was missed is not made up for
+            if (late_s := loop.time() - due_s) > 0.0:  # what was missed is not made up for
                 due_s += late_s + SHORTEST_REST_S
-            await asyncio.sleep(due_s - loop.time())
+            self._timer = loop.call_at(due_s, turn)
+
+        self._timer = loop.call_soon(turn)
+        try:
+            await failed
+        finally:
+            self._timer.cancel()
 
     def send_frame(self) -> None:
         """One frame of what is new in the ring; without a ring an empty one, for its time."""
@@ -371,43 +423,106 @@ class PageServer:
             if self._frames is None or self._frames[0] is not ring or ring.unread > MOST_UNREAD:
                 ring.skip_to_newest()
                 self._frames = ring, Frames(*self._run.frames_of())
-            frame = self._frames[1].frame(ring.read(), self._now_ns() * 1e-9)
-        broadcast([one for one in self._on_run() if one.transport.get_write_buffer_size() < MOST_UNSENT], frame)
+            frame = self._frames[1].frame(ring.read_bytes(), self._now_ns() * 1e-9)
+        sent = binary_message(frame)  # framed once for all: half of what `broadcast` costs for each browser
+        for one in self._on_run():
+            if one.state is State.OPEN and one.transport.get_write_buffer_size() < MOST_UNSENT:
+                one.transport.write(sent)
 
     def send_changes(self) -> None:
-        """Plan, verdicts, state, events and lease, each where it has changed."""
-        messages: list[dict[str, Any]] = []
+        """State and lease, and what has changed of plan, verdicts and events, once it has been read."""
         if self._desk is not None:
             self._look_after(self._desk)
-        anew = self._run.began_or_ended()
-        planned = self._run.changed(PLAN)
-        if anew or planned or (self._run.live_folder is not None and not self._sent_run.get("devices")):
-            description = self._run.description()
-            if description != self._sent_run:
-                self._sent_run = description
-                messages.append(description)
-        if self._run.changed(RESULTS) or anew:
-            messages.append(self._run.results())
-        if self._run.changed(STATE) or anew:
-            state = self._run.state()
-            messages.append(state)
-            broadcast(self._on_bench(), written(state))
-        events = self._run.news()
-        if events or anew:
-            shown = list(self._run.events) if anew else events
-            messages.append({"type": "events", "events": shown, "all": anew})
-        for message in messages:
-            broadcast(self._on_run(), written(message))
+        run, reading = self._run, self._reading_run.locked()
+        live = run.live_folder
+        anew = not reading and run.began_or_ended(live)
+        parts = frozenset[str]() if reading else run.grown()
+        if anew or parts:
+            self._later(self._send_read(run, parts, anew=anew))
+        if run.state_changed() and live is not None and not anew:
+            self._send_state(run.running_state(live))
         if self._lease.holder != self._sent_lease:
             self._send_lease()
 
+    def _send_state(self, state: dict[str, Any]) -> None:
+        broadcast((*self._on_run(), *self._on_bench()), written(state))
+
+    async def _send_read(self, run: WatchedRun, parts: frozenset[str], *, anew: bool) -> None:
+        """Read what has changed of the run in a thread, and send it."""
+        async with self._reading_run:
+            texts, state = await asyncio.to_thread(self._read, run, parts, anew=anew)
+            if run is not self._run:
+                return
+            if run.live_folder is not None:
+                self._finished.clear()  # every browser shows a run that moves the rig
+            for text in texts:
+                broadcast(self._on_run(), text)
+            if state is not None:
+                self._send_state(state)
+
+    def _read(
+        self, run: WatchedRun, parts: frozenset[str], *, anew: bool
+    ) -> tuple[list[str], dict[str, Any] | None]:
+        """Messages on what has changed of a run, and its state where that is sent as well."""
+        texts: list[str] = []
+        if anew or "run" in parts:
+            description = run.description()
+            if description != self._sent_run:
+                self._sent_run = description
+                texts += in_pieces(description)
+        if anew or "results" in parts:
+            results = run.results()
+            before, self._sent_results = self._sent_results, results["points"]
+            if anew or not before.keys() <= self._sent_results.keys():
+                texts += in_pieces(results)
+            else:
+                changed = {name: one for name, one in self._sent_results.items() if before.get(name) != one}
+                texts.append(written({**results, "points": changed, "all": False}))
+        events = run.news()
+        state = run.state() if anew else None
+        if events or anew:
+            shown = list(run.events) if anew else events
+            texts.append(written({"type": "events", "events": shown, "all": anew}))
+        return texts, state
 
     def _look_after(self, desk: Desk) -> None:
         """What runs on the bench now; what has ended goes into its history."""
         if desk.look():
             self._later(self.refresh())
         if self._on_bench():
+            if desk.matrices_due:
+                self._later(desk.list_matrices())
             self._send_status(desk)
+
+
+def _whole(run: WatchedRun, *, read_events: bool) -> list[str]:
+    """Messages with all that there is to know of a run."""
+    if read_events:
+        run.news()
+    events = {"type": "events", "events": list(run.events), "all": True}
+    return [
+        *in_pieces(run.description()), *in_pieces(run.results()), written(run.state()), written(events)
+    ]  # fmt: skip
+
+
+def in_pieces(message: dict[str, Any]) -> Iterator[str]:
+    """A message as JSON; one with many points follows after messages with a part of its points each."""
+    points = message["points"]
+    if len(points) > PIECE:
+        listed = list(points.items() if isinstance(points, dict) else points)
+        for begin in range(0, len(listed), PIECE):
+            part = listed[begin : begin + PIECE]
+            piece = dict(part) if isinstance(points, dict) else part
+            yield written({"type": "points", "of": message["type"], "begin": begin == 0, "points": piece})
+        message = {**message, "points": None}
+    yield written(message)
+
+
+def binary_message(content: bytes) -> bytes:
+    """An unmasked WebSocket message of one frame (RFC 6455, section 5.2)."""
+    short = len(content) < 1 << 16
+    head = MESSAGE_HEAD.pack(0x82, 126, len(content)) if short else LONG_MESSAGE_HEAD.pack(0x82, 127, len(content))
+    return head + content
 
 
 def written(message: dict[str, Any]) -> str:

@@ -57,18 +57,25 @@ class StartedRun:
     ) -> StartedRun:
         """Start `rig run` with these arguments.
 
+        What cannot be kept for a later page is not started: that page would offer another start.
+
         Raises:
-            OSError: it cannot be started.
+            OSError: it cannot be started or kept.
         """
         run = cls(folder, arguments, by, title, utc, words)
         with contextlib.ExitStack() as files:
             output, messages = (files.enter_context(_new_file(folder / name)) for name in (OUTPUT, MESSAGES))
+            run._write()
             run._process = subprocess.Popen(
                 own_program("rig.cli.main", "run", *arguments), stdin=subprocess.DEVNULL,
                 stdout=output, stderr=messages, start_new_session=True,
             )
         run.pid, run.ticks = run._process.pid, _began(run._process.pid)
-        run.keep()
+        try:
+            run._write()
+        except OSError:
+            run.interrupt()  # it is still being loaded: nothing is connected
+            raise
         return run
 
     @classmethod
@@ -84,13 +91,21 @@ class StartedRun:
             return None
 
     def keep(self) -> None:
-        """Keep what was started for a later page; a disk that refuses it costs no more than that."""
+        """Keep what has changed for a later page; a disk that refuses it costs no more than that."""
+        with contextlib.suppress(OSError):
+            self._write()
+
+    def _write(self) -> None:
+        """Write what a later page must know.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         kept = {
             "arguments": self.arguments, "by": self.by, "title": self.title, "utc": self.utc,
             "words": dict(self.words), "pid": self.pid, "ticks": self.ticks,
         }
-        with contextlib.suppress(OSError):
-            replace_json(self.folder / STARTED, kept)
+        replace_json(self.folder / STARTED, kept)
 
     @property
     def lives(self) -> bool:

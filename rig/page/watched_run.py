@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,9 @@ from rig.text_file import JSON_LIMIT_BYTES, open_regular
 KEPT_EVENTS = 200
 STOP_PARTS_WITHIN = 20
 """Events between the parts of one stop: the application's note, the station's trip, the campaign's result."""
-LONGEST_READ = 1 << 20
+LONGEST_READ = 1 << 18
+READ_AT_FIRST = 1 << 22
+"""Bytes of a journal that hold `KEPT_EVENTS` in any case; what is before them is not read."""
 TEXT_KEYS = ("text", "detail", "reason", "note")
 QUIET = frozenset({"sent", "stop", "setpoints", "late"})
 """Of the station's events: for the journal, not for a log that people read."""
@@ -45,6 +48,9 @@ class WatchedRun:
         self._journal = Journal()
         self._ring: RingReader | None = None
         self._ended: EndedRun | None = None
+        self._numbered = 0
+        self._entered = ""
+        self._files: tuple[object, dict[str, str]] = None, {}
         self.events: deque[dict[str, Any]] = deque(maxlen=KEPT_EVENTS)
 
     @property
@@ -132,20 +138,26 @@ class WatchedRun:
         return self._ring
 
     def state(self) -> dict[str, Any]:
-        """What changes: phase, point, time left, messages, verdicts."""
+        """What changes: phase, point, time left; once the run has ended, how."""
         live = self.live_folder
         if live is not None:
-            state = read_json(live / STATE)
-            state.pop("messages", None)  # the terminal's; what matters of them is among the events
-            entered = {} if self.run is None else read_json(CampaignFolder(self.run).operator)
-            return {"type": "state", **state, "entered": str(entered.get("specimen", "")), "running": True}
+            return self.running_state(live)
         state = {} if self._live is None else read_json(self._live / STATE)
         ended = state.get("ended")
         if ended is None and self.ended is not None:
             ended = {key: value for key, value in self.ended.result.items() if key != "points"}
         if ended is None:
             return {"type": "state", "running": False}  # nothing has begun yet
-        return {"type": "state", "phase": "ended", "ended": ended, "running": False}
+        return {"type": "state", "phase": "ended", "kind": "ended", "ended": ended, "running": False}
+
+    def running_state(self, live: Path) -> dict[str, Any]:
+        """`state` of the campaign that runs, from small files alone."""
+        state = read_json(live / STATE)
+        state.pop("messages", None)  # the terminal's; what matters of them is among the events
+        run = self.run
+        if run is not None and self._differs("operator", stamp := _stamp(CampaignFolder(run).operator)):
+            self._entered = "" if stamp is None else str(read_json(CampaignFolder(run).operator).get("specimen", ""))
+        return {"type": "state", **state, "entered": self._entered, "running": True}
 
     def results(self) -> dict[str, Any]:
         """Verdicts by point."""
@@ -163,21 +175,28 @@ class WatchedRun:
         point = self.results()["points"].get(point_id)
         return self.ended.file(point) if isinstance(point, dict) else None
 
-    def began_or_ended(self) -> bool:
-        """Whether the campaign began, ended or was resumed since the last call; then all must be told again."""
-        live = self.live_folder
+    def began_or_ended(self, live: Path | None) -> bool:
+        """Whether the campaign began, ended or was resumed since the last call; then everything is sent again.
+
+        Args:
+            live: `live_folder` as it is now.
+        """
         changed = self._differs("live", live)
         if changed:
             self.close()
         return changed
 
-    def changed(self, name: str) -> bool:
-        """Whether one of the live files was replaced since the last call."""
-        try:
-            stamp = 0 if self._live is None else (self._live / name).stat().st_mtime_ns
-        except OSError:
-            stamp = 0
-        return self._differs(name, stamp)
+    def state_changed(self) -> bool:
+        """Whether the campaign has written its state since the last call."""
+        return self._live is not None and self._differs(STATE, _stamp(self._live / STATE))
+
+    def grown(self) -> frozenset[str]:
+        """Which of `run`, `results` and `events` is to be read again since the last call."""
+        run, live = self.run, self._live
+        if self._files[0] != (run, live):
+            self._files = (run, live), _grow(run, live)
+        grown = {PARTS[name] for name, path in self._files[1].items() if self._differs(name, _stamp(path))}
+        return frozenset(grown | {"run"} if self._differs("run", run) else grown)
 
     def _differs(self, name: str, stamp: object) -> bool:
         before, self._stamps[name] = self._stamps.get(name, ""), stamp
@@ -186,34 +205,35 @@ class WatchedRun:
     def news(self) -> list[dict[str, Any]]:
         """New events of the journal, for people; kept in `events` as well.
 
-        The parts of one stop are one event; `instead_of` is the text of an event that it replaces.
+        Each has a `number`. The parts of one stop are one event; `instead_of` is the number of one that it replaces.
         """
         run = self.run
-        lines = [] if run is None else self._journal.lines(CampaignFolder(run).journal)
         new: list[dict[str, Any]] = []
-        for event in map(shown_event, lines):
-            if event is None or (event["part"] == RESULT and self._is_told(event)):
-                continue
+        while run is not None and (lines := self._journal.lines(CampaignFolder(run).journal)):
+            new += self._events_of(lines)
+        return new[-KEPT_EVENTS:]
+
+    def _events_of(self, lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        new: list[dict[str, Any]] = []
+        for event in filter(None, map(shown_event, lines)):
             before = self._other_part(event)
+            if before is not None and event["part"] == RESULT:
+                continue  # the stop is shown, with the same cause
+            self._numbered += 1
+            event["number"] = self._numbered
             if before is not None:
                 event = _joined(before, event)
                 self.events.remove(before)
                 new = [one for one in new if one is not before]
             self.events.append(event)
             new.append(event)
-        return new[-KEPT_EVENTS:]
-
-    def _is_told(self, result: dict[str, Any]) -> bool:
-        return any(result["text"] in known["text"] for known in self.events if known["part"] in {TRIP, STOP})
+        return new
 
     def _other_part(self, event: dict[str, Any]) -> dict[str, Any] | None:
-        """The note that belongs to this trip, or the trip that belongs to this note."""
-        for known in list(self.events)[: -STOP_PARTS_WITHIN - 1 : -1]:
-            if {known["part"], event["part"]} == {NOTE, TRIP}:
-                note, trip = (known, event) if known["part"] == NOTE else (event, known)
-                if trip["text"] and trip["text"] in note["text"]:
-                    return known
-        return None
+        """The last event that belongs to the same stop as this one, by its code; None: there is none."""
+        joins = JOINS.get(event["part"], frozenset())
+        recent = list(self.events)[: -STOP_PARTS_WITHIN - 1 : -1]
+        return next((one for one in recent if one["part"] in joins and one["stop"] == event["stop"]), None)
 
     def close(self) -> None:
         """Let go of the ring."""
@@ -221,6 +241,10 @@ class WatchedRun:
             self._ring.close()
             self._ring = None
             clock.leave()
+
+
+CUT_OFF = b"#"
+"""In front of the part of a line with which a long journal is begun: no JSON."""
 
 
 class Journal:
@@ -233,8 +257,11 @@ class Journal:
     def lines(self, path: Path) -> list[dict[str, Any]]:
         """The whole lines that came since the last call; what is no JSON object is left out."""
         try:
-            if path.stat().st_size == self._offset:
+            size = path.stat().st_size
+            if size == self._offset:
                 return []
+            if self._offset == 0 and size > READ_AT_FIRST:
+                self._offset, self._rest = size - READ_AT_FIRST, CUT_OFF
             with open_regular(path) as file:
                 file.seek(self._offset)
                 data = file.read(LONGEST_READ)
@@ -255,12 +282,37 @@ class Journal:
 
 NOTE, TRIP, RESULT, STOP = "note", "trip", "result", "stop"
 """Parts of a stop, and what note and trip become together."""
+JOINS = {NOTE: frozenset({TRIP}), TRIP: frozenset({NOTE}), RESULT: frozenset({TRIP, STOP})}
+"""With which earlier parts of the same stop each is one event."""
 
 
 def _joined(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     """One event of a stop's note and trip: the code of the trip, the words of the note."""
     note, trip = (before, after) if before["part"] == NOTE else (after, before)
-    return {**trip, "part": STOP, "utc": before["utc"], "text": note["text"], "instead_of": before["text"]}
+    return {**trip, "part": STOP, "utc": before["utc"], "text": note["text"], "instead_of": before["number"],
+            "number": after["number"]}
+
+
+PARTS = {PLAN: "run", DEVICES: "run", "station": "run", RESULTS: "results", "journal": "events"}
+"""What is read again when a file has changed."""
+
+
+def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
+    """The files of a run that are watched, by their key in `PARTS`."""
+    files = {} if live is None else {name: str(live / name) for name in (PLAN, DEVICES, RESULTS)}
+    if run is None:
+        return files
+    folder = CampaignFolder(run)
+    return {**files, "station": str(folder.station_config), "journal": str(folder.journal)}
+
+
+def _stamp(path: Path | str) -> tuple[int, int] | None:
+    """What changes with a file's content; None where there is no file."""
+    try:
+        state = os.stat(path)
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size
 
 
 def _is_simulated(live: Path | None, described: dict[str, Any]) -> bool:
@@ -280,13 +332,22 @@ def shown_event(event: dict[str, Any]) -> dict[str, Any] | None:
         return None
     grave = what in {"trip", "unknown"} or kind in {"error", "refused"}
     minor = kind in {"warning", "finding"} or what in {"also", "warning"}
-    noted = kind in {"info", "warning", "error"} and not slug
-    part = RESULT if kind == RESULT else TRIP if what == TRIP else NOTE if noted else ""
+    part, stop = _stop_part(kind, what, event)
     return {
         "utc": str(event.get("utc", ""))[:19], "level": "error" if grave else "warning" if minor else "info",
         "slug": "" if slug is None else str(slug), "text": text[:500], "by": str(event.get("by", ""))[:80],
-        "part": part,
+        "part": part, "stop": stop,
     }  # fmt: skip
+
+
+def _stop_part(kind: str, what: str, event: dict[str, Any]) -> tuple[str, str]:
+    """Which part of a stop an event is, and the code of the stop; both empty for any other event."""
+    part, key = (
+        (RESULT, "stopped_by") if kind == RESULT else (TRIP, "slug") if what == TRIP
+        else (NOTE, "stop") if kind in {"info", "warning", "error"} else ("", "")
+    )  # fmt: skip
+    stop = event.get(key)
+    return (part, stop) if isinstance(stop, str) and stop else ("", "")
 
 
 def devices(station: dict[str, Any]) -> list[dict[str, Any]]:

@@ -299,7 +299,7 @@ class ActionExecutor:
         self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
     def _report(self, action: act.Note) -> None:
-        about = {"code": action.code} if action.code else {}
+        about = {name: value for name, value in (("code", action.code), ("stop", action.stop)) if value}
         self.campaign.log.note(action.level, text=action.text, **about)
         self.campaign.display.message(action.level, action.text)
         if action.wait is not None:

@@ -200,13 +200,14 @@ class Note:
     """A line for the campaign's journal and the operator; `level` is `info`, `warning` or `error`.
 
     `wait` is what the line tells of the damper's temperature, for the campaign's result; `code` what it is about,
-    `temperature` or `amplitude`, for those who read the journal.
+    `temperature` or `amplitude`, for those who read the journal; `stop` the code of the stop that it announces.
     """
 
     level: str
     text: str
     wait: Wait | None = None
     code: str = ""
+    stop: str = ""
 
 
 @dataclass(frozen=True)

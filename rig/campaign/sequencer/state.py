@@ -231,6 +231,34 @@ class Phase(StrEnum):
     ENDED = "ended"
 
 
+class PhaseKind(StrEnum):
+    """What a phase means for a person who watches the rig."""
+
+    PREPARING = "preparing"
+    """Before the first point: nothing has been proved yet."""
+    AT_REST = "at rest"
+    MOVING = "moving"
+    PAUSED = "paused"
+    STOPPING = "stopping"
+    ENDED = "ended"
+
+
+_KINDS: Mapping[str, PhaseKind] = {
+    **dict.fromkeys(Phase, PhaseKind.AT_REST),
+    **dict.fromkeys((Phase.RUNNING, Phase.STEPPING, Phase.WARMING, Phase.ADAPTING, Phase.CENTRING), PhaseKind.MOVING),
+    **dict.fromkeys((
+        Phase.NEW, Phase.CONNECTING, Phase.ARMING, Phase.PROVING_WATCHDOG, Phase.CHECKING_ZEROS, Phase.PRESSURE_LOW,
+        Phase.PRESSURE_ON, Phase.PROVING_SENSORS,
+    ), PhaseKind.PREPARING),
+    Phase.PAUSED: PhaseKind.PAUSED, Phase.STOPPING: PhaseKind.STOPPING, Phase.ENDED: PhaseKind.ENDED,
+}  # fmt: skip
+
+
+def phase_kind(text: str) -> PhaseKind:
+    """The kind of a phase as displays are told it; what precedes the sequence (start of the station) is preparation."""
+    return _KINDS.get(text, PhaseKind.PREPARING)
+
+
 @dataclass(frozen=True)
 class Latch:
     """The first cause of a stop; later causes never replace it."""

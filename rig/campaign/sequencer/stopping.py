@@ -60,7 +60,7 @@ def latch(state: State, stop: StopKind, cause: StopCause, *actions: Action) -> S
 
 def await_proof(state: State, stop: StopKind, cause: StopCause, *actions: Action) -> Step:
     """Say why the rig stops and wait for the station's proof of it."""
-    note = act.Note(*stop_note(stop, cause))
+    note = act.Note(*stop_note(stop, cause), stop=cause.slug)
     return enter(
         state, Phase.STOPPING, *actions, note, device_s=STOP_LIMIT_S, wall_s=STOP_WALL_S, patience=STOP_PATIENCE
     )

@@ -5,7 +5,7 @@ const NEEDED = [23, 1, 2]; // controller, load cell, displacement: without them 
 
 function devices_late() {
   if (!run || !state.running || !host_now) return [];
-  if (state.phase === "ended") return []; // the devices are disconnected while the result is written
+  if (state.kind === "ended") return []; // the devices are disconnected while the result is written
   const late = run.devices.filter((one) => series.has(one.channel) && age_s(one.channel) > allowed_s(one.stale_after_s)).map((one) => one.name);
   const missed = run.devices.filter((one) => NEEDED.includes(one.channel) && !series.has(one.channel) && first_frame_s() > allowed_s(one.stale_after_s) + 1);
   if (moving()) late.push(...missed.map((one) => one.name));
@@ -15,10 +15,9 @@ function devices_late() {
 function allowed_s(stale_after_s) { return Math.max(stale_after_s, 0.2) + 0.15; }
 function age_s(channel) { return now_s() - series.get(channel).last_t; }
 function first_frame_s() { return first_at ? (performance.now() - first_at) / 1000 : 0; }
-function moving() { return ["running", "adapting the amplitude", "warming up", "centring", "stepping the current"].includes(state.phase); }
+function moving() { return state.kind === "moving"; }
 function heard_of() { return Boolean(run) && run.devices.some((one) => series.has(one.channel)); }
-const PREPARING = ["", "preparing", "new", "connecting", "arming", "testing watchdog", "checking zeros", "hydraulics to low pressure", "hydraulics to full pressure", "checking the sensors with a slow move"];
-function preparing() { return !heard_of() || PREPARING.includes(state.phase || ""); } // nothing is proven yet
+function preparing() { return !heard_of() || state.kind === "preparing"; } // nothing is proven yet
 // What the controller says of the hydraulics (drivers/roles.py); a rod under pressure may move at any moment.
 function hydraulics() {
   const value = series.has(23) && age_s(23) < 2 ? series.get(23).last : NaN;
@@ -33,19 +32,20 @@ function points_that_are(verdict) { return Object.entries(results).filter(([, on
 function opinion() {
   if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has been closed; this is the final state of the campaign.)");
   if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig using its own controls."];
+  if (opening()) return ["wait", "…", "CONNECTING", ""];
   if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are out of date. Inspect the rig and, if necessary, stop the rig using its own controls." : "There is no connection to the rig. Inspect the rig and, if necessary, stop the rig using its own controls."];
-  if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "waiting for the campaign"];
+  if (!state.running && state.kind === undefined) return ["wait", "…", "WAITING", "waiting for the campaign"];
   if (!state.running) return ["bad", "✗", "NOT OK", "The rig software stopped unexpectedly (process killed or power failure). The station stops the rig. Inspect the rig."];
-  if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
+  if (state.kind === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
   if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig using its own controls"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
-  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused" : "";
+  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.kind === "paused" ? "; paused" : "";
   if (late.length) return ["bad", "✗", "NOT OK", `no new data from: ${late.join(", ")}${todo}`];
   if (invalid.length) return ["bad", "✗", "NOT OK", `invalid points: ${invalid.join(", ")}${todo}`];
   const doubt = suspect.length ? `; suspect points: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
   if (state.held) return ["wait", "Ⅱ", "READY", standing.mine ? "press Start to begin" : standing.role === "viewer" || standing.holder ? "waiting for Start" : "to begin, take control, then press Start"];
-  if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `${of_a_pause()}${doubt}`];
+  if (state.kind === "paused") return ["wait", "Ⅱ", "PAUSED", `${of_a_pause()}${doubt}`];
   const what = `${state.phase || ""}${state.paused ? `; the campaign will pause ${preparing() ? "before the first point" : "after this point"}` : ""}`;
   if (suspect.length) return ["bad", "?", "CHECK", `suspect points: ${suspect.join(", ")}; ${what}`];
   return preparing() ? ["wait", "…", "STARTING", what] : ["good", "✓", "OK", what];
@@ -54,7 +54,7 @@ function opinion() {
 function of_a_stop() { // until the campaign has ended, or moves again
   if (state.asked) return ["bad", "?", "SET CURRENT", `stopped; ${question(state.asked)}`];
   const fading = run && run.by_hand ? "motion ramps down; the current remains on until the operator sets it to 0 A" : "coil to 0 A, motion ramps down";
-  return ["bad", "■", "STOPPING", !state.stopping || state.phase === "stopping" ? fading : state.phase];
+  return ["bad", "■", "STOPPING", !state.stopping || state.kind === "stopping" ? fading : state.phase];
 }
 
 function points_left() { return run && run.name && run.points.length > points_that_are("valid").length + points_that_are("suspect").length; }

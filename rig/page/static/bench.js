@@ -1,6 +1,6 @@
 // The bench: choose a matrix, read its plan, start; resume a run; reports. What moves the rig is checked by `rig run` and the station.
 
-let state = {}, standing = {}, bench = {}, runs = [], plan = null, planning = "", asked = null, going = false, sending = false, told = false, fresh = "", planned_at = 0;
+let state = {}, standing = {}, bench = {}, runs = [], plan = null, planning = "", asked = null, going = false, sending = false, fresh = "", planned_at = 0;
 window.rigBench = { get state() { return state; }, get bench() { return bench; }, get runs() { return runs; }, get plan() { return plan; } };
 
 const WORDS = {
@@ -16,7 +16,7 @@ function gauges() {}
 function take(message) {
   if (message.type === "state") state = message;
   else if (message.type === "bench") { bench = message; show_matrices(); }
-  else if (message.type === "history") { runs = message.runs; told = true; show_history(); }
+  else if (message.type === "history") { runs = message.runs; informed = true; show_history(); }
   else if (message.type === "standing") { standing = message; show_standing(); show_history(); if (bench.matrices) show_matrices(); }
   else if (message.type === "answer") answered(message);
   if (resumed_by_link) resume_by_link(); else remember();
@@ -32,14 +32,14 @@ function take(message) {
 
 function opinion() {
   if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig using its own controls."];
-  if (!told && performance.now() < 1000 * GIVEN_UP_S) return ["wait", "…", "CONNECTING", ""]; // just opened: nothing is known yet
+  if (opening()) return ["wait", "…", "CONNECTING", ""];
   if (!connected()) return ["bad", "✗", "NO CONNECTION", "The page is not being served, or the network is down. A run in progress continues. Inspect the rig; start `rig page` again."];
   if (bench.phase === "running") { // the server's word for it: the state may still be that of the run before
     if (state.ended) return ["wait", "…", "STARTING", bench.run];
-    if (state.stopping || state.phase === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", bench.run];
+    if (state.stopping || state.kind === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", bench.run];
     if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig using its own controls"];
     const left = typeof state.time_left_s === "number" ? `, ${duration(state.time_left_s)} left` : "";
-    return ["good", "▶", state.phase === "paused" ? "PAUSED" : "RUNNING", `${bench.run || "preparing"}: ${state.phase || "starting"}${state.point ? `, ${state.point}` : ""}${left}`];
+    return ["good", "▶", state.kind === "paused" ? "PAUSED" : "RUNNING", `${bench.run || "preparing"}: ${state.phase || "starting"}${state.point ? `, ${state.point}` : ""}${left}`];
   }
   if (bench.phase === "evaluating") return ["wait", "…", "EVALUATING", `The run has ended; identifying the damper and writing the report of ${bench.run}.`];
   if (bench.phase === "starting") {
@@ -69,7 +69,7 @@ function judge() {
   by_id("stop").hidden = !["starting", "running"].includes(bench.phase);
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken));
   by_id("watch").hidden = !bench.run || bench.phase === "starting"; by_id("watch").href = with_token("/run");
-  by_id("watch").textContent = bench.phase === "running" || bench.phase === "evaluating" ? "Watch the run" : last && last.name !== bench.run ? "Selected run" : "Last run";
+  by_id("watch").textContent = bench.phase === "running" || bench.phase === "evaluating" ? "Watch the run" : "Last run";
   by_id("last-report").hidden = !(idle && last && last.report);
   if (last && by_id("last-report").dataset.name !== last.name + standing.report_token) { by_id("last-report").href = report_of(last.name); by_id("last-report").dataset.name = last.name + standing.report_token; }
   by_id("resume-last").hidden = !(idle && last && last.resumable && standing.role === "operator");
@@ -226,14 +226,14 @@ function show_history() {
     }
     const name = element("td", undefined, "small"), specimen = element("td", `${run.specimen}${run.simulated ? " (simulated)" : ""}`);
     if (run.matrix) specimen.append(element("div", run.matrix, "small"));
-    if (standing.role === "operator" && run.ended !== "running") name.append(view_of(run)); else name.append(run.name);
+    name.append(view_of(run));
     if (run.operator) name.append(element("div", `operator: ${run.operator}`));
     row.append(element("td", local(run.started)), specimen, result, element("td", points), name, acts);
     body.append(row);
   }
   if (focused) { const again = body.querySelector(`[data-name="${CSS.escape(focused)}"]`); if (again) again.focus(); }
 }
-function view_of(run) { const made = push_button(run.name, `Show ${run.name}`, () => say({ do: "show", run: run.name })); made.className = "view"; made.dataset.name = `view ${run.name}`; return made; }
+function view_of(run) { const made = element("a", run.name, "view"); made.title = `Show ${run.name}`; made.href = `${with_token("/run")}&run=${encodeURIComponent(run.name)}`; made.dataset.name = `view ${run.name}`; return made; }
 function act(text, run, press) { const made = push_button(text, `${text} ${run.name}`, press); made.dataset.name = `${text} ${run.name}`; made.setAttribute("aria-label", `${text} ${run.name}`); return made; }
 
 function words_of(message) { return message.text || WORDS[message.refused] || message.refused; }
@@ -241,7 +241,6 @@ function answered(message) {
   if (message.do === "clock" && message.ok) { clock_answered(message); return; }
   if (message.do === "stop") stop_answered(message);
   if (message.do === "begin" || message.do === "resume") sending = false;
-  if (message.do === "show" && message.ok) { location.assign(with_token("/run")); return; }
   if (message.do === "plan") { show_plan(message); return; }
   if (message.do === "questions" && message.ok) { answer(""); show_questions(message); return; }
   if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }

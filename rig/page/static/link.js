@@ -7,6 +7,7 @@ let stop_asked = null; // { at, sent, taken, failed }: the last press of Stop
 
 const token = new URLSearchParams(location.search).get("token") || "";
 const with_token = (path, own = token) => `${path}?token=${encodeURIComponent(own)}`;
+let finished_run = new URLSearchParams(location.search).get("run") || ""; // this browser shows it while the rig is not in use
 let key = sessionStorage.getItem("rig-page-key");
 if (!key) {
   key = [...crypto.getRandomValues(new Uint8Array(18))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -16,11 +17,22 @@ if (!key) {
 function connect() {
   clearTimeout(waiting);
   if (socket) { socket.onopen = socket.onmessage = socket.onclose = null; socket.close(); }
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?token=${encodeURIComponent(token)}&client=${key}&view=${document.documentElement.dataset.view || ""}`);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?token=${encodeURIComponent(token)}&client=${key}&view=${document.documentElement.dataset.view || ""}&run=${encodeURIComponent(finished_run)}`);
   socket.binaryType = "arraybuffer"; opened_at = performance.now(); asked_at = 0; clock = null;
   socket.onopen = () => { heard_at = performance.now(); ask_clock(); send_stop(); };
-  socket.onmessage = (event) => { heard_at = performance.now(); if (typeof event.data === "string") take(JSON.parse(event.data)); else frame(event.data); };
+  socket.onmessage = (event) => { heard_at = performance.now(); if (typeof event.data === "string") whole(JSON.parse(event.data)); else frame(event.data); };
   socket.onclose = () => { socket = null; judge(); waiting = setTimeout(connect, 1000); };
+}
+const pieces = {}; // of a message with many points, by its type
+function whole(message) {
+  if (message.type === "points") {
+    const listed = Array.isArray(message.points);
+    if (message.begin) pieces[message.of] = listed ? [] : {};
+    if (listed) pieces[message.of].push(...message.points); else Object.assign(pieces[message.of], message.points);
+    return;
+  }
+  if (message.points === null) message.points = pieces[message.type];
+  take(message);
 }
 function is_open() { return Boolean(socket) && socket.readyState === WebSocket.OPEN; }
 function say(message) {
@@ -40,6 +52,8 @@ function silence_s() {
   return Math.max(now - heard_at, asked_at ? now - asked_at : 0) / 1000;
 }
 function connected() { return is_open() && silence_s() < SILENT_S; }
+let informed = false; // the server has sent what there is to know
+function opening() { return !informed && performance.now() < 1000 * GIVEN_UP_S; } // just opened: nothing is known yet
 function look_after() {
   if (socket && socket.readyState === WebSocket.CONNECTING ? performance.now() - opened_at > 1000 * GIVEN_UP_S : is_open() && silence_s() > GIVEN_UP_S) connect();
   if (stop_asked && !stop_asked.taken && performance.now() - stop_asked.at > 1000 * STOP_TRIED_S) stop_asked.failed = true;

@@ -127,8 +127,8 @@ function headings(old) {
 
 function take(message) {
   if (message.type === "run") described(message);
-  else if (message.type === "state") { if (state.ended && !message.ended) deselect_all(); state = message; progress(); confirmations(); buttons(); show_first(); show_entered(); if (pause_wanted && (state.ended || (state.paused && state.phase === "paused"))) pause_over(); }
-  else if (message.type === "results") { results = message.points; matrix(); draw_trends(); refresh_selected(); show_first(); }
+  else if (message.type === "state") { informed = true; if (state.ended && !message.ended) deselect_all(); state = message; progress(); confirmations(); buttons(); show_first(); show_entered(); if (pause_wanted && (state.ended || (state.paused && state.kind === "paused"))) pause_over(); }
+  else if (message.type === "results") { results = message.all === false ? { ...results, ...message.points } : message.points; matrix(); draw_trends(); refresh_selected(); show_first(); }
   else if (message.type === "events") events(message);
   else if (message.type === "standing") { standing = message; show_standing(); }
   else if (message.type === "answer") answered(message);
@@ -137,6 +137,7 @@ function take(message) {
 function described(message) {
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
   if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
+  if (finished_run && message.name !== finished_run) { finished_run = ""; window.history.replaceState(null, "", with_token("/run")); } // the rig is in use
   run = message; show_rig(); take_auxiliary(run.devices); lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
   GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }
@@ -158,7 +159,7 @@ function choose(id) { // selects a point, or deselects it
   if (place >= 0) selected[place] = null; else select(id);
   show_selection();
 }
-function show_selection() { for (const one of run ? run.points : []) show_row(one.id); strips.reset(); legends(); drawn_at = 0; redraw(); }
+function show_selection() { for (const one of run ? run.points : []) show_row(one.id, one); one_stop(); strips.reset(); legends(); drawn_at = 0; redraw(); }
 function deselect_all() { selected = []; shown_at_end = false; show_selection(); }
 function refresh_selected() { // a point that was repeated has another file
   for (const one of selected) if (one && one.stamp !== stamp(one.id)) { one.stamp = stamp(one.id); say({ do: "recorded", point: one.id }); }
@@ -172,7 +173,7 @@ function show_first() { // at the end: the point that was stopped, else the firs
   if (place_of_point(first) < 0) { select(first); show_selection(); }
 }
 let shown_at_end = false;
-let entered = ""; // what the run's files hold; what somebody types here is not replaced
+let entered = ""; // what the run's files hold; what the operator types here is not replaced
 function show_entered() {
   const box = by_id("specimen");
   if (typeof state.entered !== "string" || state.entered === entered || document.activeElement === box || box.value !== entered) return;

@@ -33,6 +33,7 @@ function matrix() {
     for (const one of points) { const row = element("li"); row.dataset.id = one.id; rows.set(one.id, row); by_id("matrix").append(row); }
   }
   for (const one of points) show_row(one.id, one);
+  one_stop();
   const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length, stopped = judged.filter(([, one]) => one.stopped).length;
   by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length - stopped} of ${points.length} done${stopped ? `, ${stopped} stopped` : ""}; specimen ${run.specimen}` : "";
   const [last, found] = judged.pop() || [];
@@ -60,7 +61,6 @@ function show_row(id, one = point(id)) {
     if (focused) show.focus();
   }
   for (const reason of judged.reasons || []) row.append(element("div", reason, "reason"));
-  one_stop();
 }
 function one_stop() { // the list is one stop for Tab; arrow keys move within it
   const list = by_id("matrix");
@@ -87,13 +87,13 @@ function lamps() {
   }
 }
 function ages() {
-  const live = connected() && state.running && !state.ended && state.phase !== "ended";
+  const live = connected() && state.running && !state.ended && state.kind !== "ended";
   for (const item of document.querySelectorAll("#lamps li")) {
     const channel = Number(item.dataset.channel), last = channel < 0 ? (state.host_ns || 0) * 1e-9 : series.has(channel) ? series.get(channel).last_t : 0;
     const known = last > 0 && host_now > 0, age = Math.max(0, now_s() - last), over = age > allowed_s(Number(item.dataset.stale));
     const kind = !known || !live ? "" : over ? "bad" : "good";
     if (item.className !== kind) { item.className = kind; item.children[0].textContent = kind === "good" ? "✓" : kind === "bad" ? "✗" : "·"; }
-    const text = !live ? (state.running && !state.ended && state.phase !== "ended" ? "unknown" : "ended") : !known ? "no data yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
+    const text = !live ? (state.running && !state.ended && state.kind !== "ended" ? "unknown" : "ended") : !known ? "no data yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
     if (item.children[2].textContent !== text) item.children[2].textContent = text;
   }
 }
@@ -129,8 +129,8 @@ function events(message) {
   const list = by_id("events");
   if (message.all) list.replaceChildren();
   for (const one of message.events) {
-    if (one.instead_of) { const before = [...list.children].find((each) => each.dataset.text === one.instead_of); if (before) before.remove(); }
-    const item = element("li", undefined, one.level); item.dataset.text = one.text;
+    if (one.instead_of) { const before = list.querySelector(`[data-number="${one.instead_of}"]`); if (before) before.remove(); }
+    const item = element("li", undefined, one.level); item.dataset.number = one.number;
     const mark = { error: "✗ ", warning: "! " }[one.level] || "";
     item.append(element("span", `${mark}${one.utc.slice(11, 19)} `));
     if (one.slug) item.append(push_button(one.slug, "explain this code", () => say({ do: "explain", slug: one.slug })));

@@ -49,6 +49,8 @@ def test_a_short_name_means_a_run_in_logs_or_in_the_folder_of_the_path(logs: Pat
     assert taken(given) == [f"logs/{NAMES[place]}"]
     assert run_path(logs / given) == logs / NAMES[place]
     assert run_path(f"{given}/fit.json") == Path("logs", NAMES[place], "fit.json")
+    deep = Path("/no-such-folder", *["a"] * 1100)
+    assert run_path(deep) == deep
 
 
 def test_options_take_short_names_and_numbers_stay_numbers(logs: Path) -> None:

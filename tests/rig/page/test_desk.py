@@ -348,7 +348,8 @@ def test_matrices_are_listed_by_name_and_hostile_ones_are_named_or_left_out(tmp_
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "link.toml").symlink_to(tmp_path / "good.toml")
     matrices = Matrices(tmp_path)
-    listed, note = matrices.listed()
+    matrices.look()
+    listed, note = matrices.listing
     by_name = {entry["name"]: entry for entry in listed}
     assert sorted(by_name) == [
         "--out=x.toml", "<b>.toml", "broken.toml", "deep.toml", "good.toml", "link.toml", "number.toml", "pipe.toml"

@@ -169,8 +169,8 @@ def test_a_page_of_a_run_that_is_resumed_twice_follows_it_each_time(tmp_path: Pa
         log = CampaignLog(run)
         with link.following(log):
             link.display.phase(f"session {session}")
-            assert watched.began_or_ended()
-            assert not watched.began_or_ended()
+            assert watched.began_or_ended(watched.live_folder)
+            assert not watched.began_or_ended(watched.live_folder)
             assert (watched.state()["running"], watched.state()["phase"]) == (True, f"session {session}")
         log.close()
         link.close()
@@ -178,7 +178,8 @@ def test_a_page_of_a_run_that_is_resumed_twice_follows_it_each_time(tmp_path: Pa
 
 
 def test_the_note_the_trip_and_the_result_of_a_stop_are_one_event_in_either_order(tmp_path: Path) -> None:
-    note, trip = {"event": "info", "text": "stopped by operator (Ctrl-C): 0 A"}, {"event": "station", "what": "trip"}
+    note = {"event": "info", "text": "stopped by operator (Ctrl-C): 0 A", "stop": "operator"}
+    trip: dict[str, object] = {"event": "station", "what": "trip"}
     trip |= {"slug": "operator", "detail": "Ctrl-C"}
     said = {"event": "operator", "what": "said", "by": "Ada", "note": "Ctrl-C"}
     for first, second in ((note, trip), (trip, note)):
@@ -190,7 +191,7 @@ def test_the_note_the_trip_and_the_result_of_a_stop_are_one_event_in_either_orde
                 file.write(json.dumps(event) + "\n")
         stop, words, again = watched.news()
         assert (stop["slug"], stop["level"], stop["text"]) == ("operator", "error", note["text"])
-        assert stop["instead_of"] == alone["text"]
+        assert (stop["instead_of"], again["instead_of"]) == (alone["number"], again["number"] - 1)
         assert (words["by"], again["text"]) == ("Ada", note["text"])
         assert [event["text"] for event in watched.events] == [note["text"], "Ctrl-C", note["text"]]
 

@@ -15,8 +15,8 @@ FORCE, DISPLACEMENT, STATE = 1, 2, 23
 OVERLOAD = 1
 
 
-def records(*rows: tuple[int, int, float, int, int, int]) -> np.ndarray:
-    return np.array(list(rows), RECORD_DTYPE)
+def records(*rows: tuple[int, int, float, int, int, int]) -> bytes:
+    return np.array(list(rows), RECORD_DTYPE).tobytes()
 
 
 def unpacked(frame: bytes) -> tuple[float, float, dict[int, list[tuple[float, float]]]]:
@@ -50,7 +50,7 @@ def test_values_are_the_rings_to_float32_and_lost_ones_are_left_out() -> None:
 
 
 def test_nothing_new_is_a_frame_of_its_time_alone() -> None:
-    assert unpacked(Frames(1.0, 250.0).frame(np.zeros(0, RECORD_DTYPE), 7.25)) == (7.25, 7.25, {})
+    assert unpacked(Frames(1.0, 250.0).frame(b"", 7.25)) == (7.25, 7.25, {})
 
 
 def test_device_times_are_put_on_the_hosts_clock_by_the_soonest_arrival() -> None:

@@ -37,6 +37,7 @@ from rig.page.server import (
     MOST_MESSAGES,
     MOST_REQUESTED,
     MOST_UNSENT,
+    PIECE,
     PageServer,
 )
 from rig.page.settings import PageSettings
@@ -204,7 +205,7 @@ def test_everybody_sees_the_samples_and_anybody_may_stop(rig: Rig) -> None:
         async with opened(access, Role.VIEWER, "v") as viewer, opened(access, client="o") as operator:
             for connection in (viewer, operator):
                 kinds = [json.loads(await connection.recv())["type"] for _ in range(5)]
-                assert kinds == ["run", "results", "state", "events", "standing"]
+                assert kinds == ["standing", "run", "results", "state", "events"]
             page.send_frame()  # from here on
             await asyncio.gather(viewer.recv(), operator.recv())
             rig.ring.append([(5_000_000_000, 4000, 321.5, 1, 1, 0)])
@@ -231,7 +232,7 @@ def test_hostile_names_arrive_as_the_text_they_are(rig: Rig) -> None:
         page.send_changes()
         async with opened(access) as operator:
             reported = [json.loads(await operator.recv()) for _ in range(5)]
-        assert (reported[0]["specimen"], reported[3]["events"][0]["text"]) == (HOSTILE, HOSTILE)
+        assert (reported[1]["specimen"], reported[4]["events"][0]["text"]) == (HOSTILE, HOSTILE)
 
     served(rig, do)
 
@@ -257,7 +258,7 @@ def test_numbers_that_are_none_arrive_as_null(rig: Rig) -> None:
         async with opened(access) as operator:
             texts = [await operator.recv() for _ in range(5)]
         assert not any("NaN" in str(text) or "Infinity" in str(text) for text in texts)
-        assert json.loads(texts[1])["points"]["p001"] == {"verdict": "valid", "reasons": [], "score": None}
+        assert json.loads(texts[2])["points"]["p001"] == {"verdict": "valid", "reasons": [], "score": None}
 
     served(rig, do)
 
@@ -357,12 +358,55 @@ async def first(connection: ClientConnection, count: int) -> AsyncIterator[bytes
             yield message
 
 
+def test_many_points_arrive_in_pieces_changes_alone_and_a_stop_does_not_wait_for_them(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = [{"id": f"p{number:05}", "described": HOSTILE} for number in range(PIECE + 1)]
+    replace_json(rig.live / "plan.json", {"points": points})
+    verdicts = {one["id"]: {"verdict": "valid", "reasons": []} for one in points}
+    replace_json(rig.live / "results.json", verdicts)
+    results, reading, stopped = WatchedRun.results, threading.Event(), threading.Event()
+
+    def slowly(run: WatchedRun) -> dict[str, Any]:
+        reading.set()
+        assert stopped.wait(10.0)
+        return results(run)
+
+    async def read(connection: ClientConnection, last: str) -> list[dict[str, Any]]:
+        messages = [json.loads(await connection.recv())]
+        while messages[-1]["type"] != last:
+            messages.append(json.loads(await connection.recv()))
+        return messages
+
+    async def do(page: PageServer, access: Access) -> None:
+        page.send_changes()
+        async with opened(access) as operator:
+            shown = await read(operator, "events")
+            pieces = [one for one in shown if one["type"] == "points"]
+            assert [len(one["points"]) for one in pieces] == [PIECE, 1] * 2
+            assert [one["of"] for one in pieces] == ["run", "run", "results", "results"]
+            assert pieces[0]["points"] + pieces[1]["points"] == points
+            assert pieces[2]["points"] | pieces[3]["points"] == verdicts
+            assert [one["points"] for one in shown if one["type"] in {"run", "results"}] == [None, None]
+            monkeypatch.setattr(WatchedRun, "results", slowly)
+            verdicts["p00007"] = {"verdict": "invalid", "reasons": []}
+            replace_json(rig.live / "results.json", verdicts)
+            page.send_changes()
+            assert await asyncio.to_thread(reading.wait, 10.0)
+            assert (await answer(operator, do="stop"))["ok"] is True
+            stopped.set()
+            (changed,) = await read(operator, "results")
+            assert (changed["points"], changed["all"]) == ({"p00007": verdicts["p00007"]}, False)
+
+    served(rig, do)
+
+
 def test_a_campaign_that_is_killed_is_reported_as_gone(rig: Rig) -> None:
     async def do(page: PageServer, access: Access) -> None:
         page.send_changes()
         async with opened(access) as operator:
             reported = [json.loads(await operator.recv()) for _ in range(5)]
-            assert reported[2]["running"] is True
+            assert reported[3]["running"] is True
             fcntl.flock(rig.lock, fcntl.LOCK_UN)
             page.send_changes()
             while True:
@@ -401,9 +445,9 @@ def test_the_page_of_a_bench_gives_out_reports_without_their_scripts_and_samples
         uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.OPERATOR]}&client=a"
         async with connect(f"{uri}&view=bench") as desk, connect(uri) as view:
             shown = [json.loads(await desk.recv()) for _ in range(4)]
-            assert [one["type"] for one in shown] == ["state", "bench", "history", "standing"]
-            assert (shown[1]["running"], shown[2]["runs"][0]["report"]) == (True, True)
-            assert shown[3]["report_token"] == viewer
+            assert [one["type"] for one in shown] == ["standing", "state", "bench", "history"]
+            assert (shown[2]["running"], shown[3]["runs"][0]["report"]) == (True, True)
+            assert shown[0]["report_token"] == viewer
             assert {json.loads(await view.recv())["type"] for _ in range(5)} >= {"run", "results", "events"}
             page.send_frame()
             assert isinstance(await view.recv(), bytes)
