@@ -44,7 +44,8 @@ class LiveDisplay:
         self._messages: deque[dict[str, Any]] = deque(maxlen=KEPT_MESSAGES)
         self._message_count = 0
         self._state: dict[str, Any] = {
-            "phase": "", "kind": str(phase_kind("")), "stopping": False, "point": "", "cycles": 0, "time_left_s": None, "ended": None,
+            "phase": "", "kind": str(phase_kind("")), "stopping": False, "point": "", "cycles": 0, "time_left_s": None,
+            "ended": None,
         }  # fmt: skip
 
     def planned(self, plan: Plan) -> None:

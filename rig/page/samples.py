@@ -73,7 +73,7 @@ NOTHING = Column((), (), ())
 
 def columns(records: bytes) -> dict[int, Column]:
     """The shown channels' records of the ring, as they lie there; of sensors those that carry a value."""
-    # Item by item in C (`drivers.ring`: 8-byte words 0 to 2, 2-byte words 14 and 15 of a record): half the time of rows.
+    # Item by item in C (`drivers.ring`: 8-byte words 0 to 2, 2-byte words 14 and 15 of a record): half the time.
     words, numbers = memoryview(records).cast("q"), memoryview(records).cast("H")
     host_ns, device_us = words[0::4].tolist(), words[1::4].tolist()
     values = memoryview(records).cast("d")[2::4].tolist()
@@ -93,7 +93,7 @@ def columns(records: bytes) -> dict[int, Column]:
             pick = itemgetter(*of_one)
             by_channel[channel] = Column(pick(host_ns), pick(device_us), pick(values))
         else:
-            by_channel[channel] = Column(*([column[place] for place in of_one] for column in (host_ns, device_us, values)))
+            by_channel[channel] = Column(*([one[place] for place in of_one] for one in (host_ns, device_us, values)))
     return by_channel
 
 
