@@ -7,7 +7,9 @@ import os
 import stat
 from collections import Counter
 from collections.abc import Iterator
+from contextvars import ContextVar, Token
 from pathlib import Path
+from types import TracebackType
 from typing import Any, BinaryIO
 
 from drivers.posix import O_CLOEXEC
@@ -129,15 +131,58 @@ def open_regular(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
+class FirstRead:
+    """Within `with`, `read_bytes` returns what a file held when it was first read there, whatever it holds by then.
+
+    So check, digest, plan and copy are of the same bytes. It may be entered again and again, also after an error.
+    """
+
+    def __init__(self) -> None:
+        self._contents: dict[str, bytes] = {}
+        self._tokens: list[Token[FirstRead | None]] = []
+
+    def __enter__(self) -> None:
+        self._tokens.append(_FIRST_READ.set(self))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        _FIRST_READ.reset(self._tokens.pop())
+
+    def forget(self) -> None:
+        """Free the memory: from now on files are read anew."""
+        self._contents.clear()
+
+    def read(self, path: Path, limit_bytes: int) -> bytes:
+        """The first `limit_bytes` + 1 bytes of a file, or all of them.
+
+        Raises:
+            FileProblem: as `open_regular`.
+            OSError: as `open_regular`.
+        """
+        name = os.path.realpath(path)
+        if name not in self._contents:
+            self._contents[name] = _content(path, limit_bytes)
+        return self._contents[name]
+
+
+_FIRST_READ: ContextVar[FirstRead | None] = ContextVar("_FIRST_READ", default=None)
+
+
+def _content(path: Path, limit_bytes: int) -> bytes:
+    with open_regular(path) as file:
+        return file.read(limit_bytes + 1)
+
+
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
-    """The content of a regular file.
+    """The content of a regular file; within `FirstRead`, what it held at first.
 
     Raises:
         FileProblem: missing, unreadable, not a regular file, or too large.
     """
+    first = _FIRST_READ.get()
     try:
-        with open_regular(path) as file:
-            raw = file.read(limit_bytes + 1)
+        raw = _content(path, limit_bytes) if first is None else first.read(path, limit_bytes)
     except FileNotFoundError as error:
         raise FileProblem(str(path), ["there is no such file"]) from error
     except (OSError, ValueError) as error:

@@ -75,7 +75,8 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("expected either a bench file or --simulate, got both or neither")
-    matrix, known = _as_planned(options)
+    with options.files:
+        matrix, known = _as_planned(options)
     if live is not None:
         live.belongs_to((options.resume_path or options.out / "run").parent, () if known is None else devices_of(known))
     if known is not None:
@@ -97,9 +98,11 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         if options.simulate:
             shown.phase("starting the simulated rig")
         rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, shown, signals.check))
-        bench = Bench.load(rig.bench_path)
+        with options.files:
+            bench = Bench.load(rig.bench_path)
         start = _Start(folder, matrix, bench, accepted(matrix, bench, folder), options, stock)
         _describe(start, rig.bench_path)
+        options.files.forget()
         _show_start(start, log, shown)
         signals.check()
         ended = _run(start, locks, log, finaliser, signals, shown)
@@ -191,12 +194,14 @@ def _describe(start: _Start, bench_path: Path) -> None:
     """
     folder = start.folder
     if start.options.resume_path is None or resume.bench_is_new(folder):
-        keep_bench(bench_path, CampaignFolder(folder).bench)
+        with start.options.files:
+            keep_bench(bench_path, CampaignFolder(folder).bench)
         write_description(folder, start.bench, start.matrix, start.options)
         return
     resume.same_campaign(folder, start.bench, start.matrix)
     session = note_session(folder, start.options, start.stock.confirmed)
-    keep_bench(bench_path, CampaignFolder(folder).session_bench(session))
+    with start.options.files:
+        keep_bench(bench_path, CampaignFolder(folder).session_bench(session))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from rig.recording.quality.point_quality import PointQuality
 from rig.recording.quality.verdict import Kind, Reason, blamed
 from rig.signals.peak_force import PeakForce
 from rig.test_point import TestPoint
+from rig.text_file import FirstRead
 
 WARMING_UP = "warming up"
 NOT_RUN = "not run"
@@ -51,6 +52,7 @@ class CampaignOptions:
         confirmed: codes of the stops whose causes the operator has confirmed before resuming; None: resuming confirms
             all of them, as at the terminal, where they are printed.
         planned: `plan_digest` of the plan that the operator saw on a page; empty: none.
+        files: matrix, bench and the files that they name, as they were first read: those bytes are run and kept.
     """
 
     matrix_path: Path
@@ -66,6 +68,7 @@ class CampaignOptions:
     serial_number: str = ""
     confirmed: frozenset[str] | None = None
     planned: str = ""
+    files: FirstRead = field(default_factory=FirstRead, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -145,9 +145,10 @@ def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, mat
         Refused: they cannot be written.
         FileProblem: one of them cannot be read.
     """
-    keep_matrix(options.matrix_path, CampaignFolder(folder).matrix, options.serial_number)
-    if options.bench_path is not None:
-        keep_bench(options.bench_path, CampaignFolder(folder).bench)
+    with options.files:
+        keep_matrix(options.matrix_path, CampaignFolder(folder).matrix, options.serial_number)
+        if options.bench_path is not None:
+            keep_bench(options.bench_path, CampaignFolder(folder).bench)
     write_description(folder, bench, matrix, options)
 
 

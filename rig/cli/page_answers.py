@@ -29,6 +29,7 @@ from rig.cli.tables import plan_blocks, verdict_blocks
 from rig.document.blocks import Block, Note, Paragraph, Table
 from rig.document.words import plain
 from rig.errors import EXIT_DONE, RigError
+from rig.text_file import FirstRead
 
 if TYPE_CHECKING:
     from rig.matrix.plan import Plan
@@ -45,9 +46,11 @@ def plan_answer(request: Mapping[str, Any]) -> dict[str, Any]:
         RigError: as `rig plan`.
     """
     matrix_path, bench_path = Path(request["matrix"]), Path(request["bench"])
-    plan, matrix, bench = planned(matrix_path, bench_path)
+    with FirstRead():  # the digest is that of the bytes that are shown
+        plan, matrix, bench = planned(matrix_path, bench_path)
+        digest = plan_digest(matrix_path, bench_path, matrix, bench)
     return {
-        "planned": plan_digest(matrix_path, bench_path, matrix, bench), "feasible": plan.feasible,
+        "planned": digest, "feasible": plan.feasible,
         "serial_number": matrix.specimen.serial_number, "devices": sorted(devices_of(bench)),
         "blocks": list(shown(verdict_first(plan))),
     }

@@ -17,6 +17,7 @@ from rig.cli.options import Command, ResumedRun, json_option, out_option
 from rig.cli.output import console, show, shown_path, write_json
 from rig.cli.page import live_link, page_options, page_settings
 from rig.errors import FileProblem
+from rig.text_file import FirstRead
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -122,15 +123,17 @@ def command(
         from rig.cli.job import run_job
         from rig.matrix.model import load_files, load_matrix
 
-        path = _matrix_path(matrix, resume)
-        tests, known = (load_matrix(path), None) if bench is None else load_files(path, bench)
-        if planned is not None and bench is not None and known is not None:
-            same_plan(planned, plan_digest(path, bench, tests, known))
+        path, files = _matrix_path(matrix, resume), FirstRead()
+        with files:
+            tests, known = (load_matrix(path), None) if bench is None else load_files(path, bench)
+            if planned is not None and bench is not None and known is not None:
+                same_plan(planned, plan_digest(path, bench, tests, known))
         tests = tests.of_specimen(serial_number or "")
         if must_be_hybrid:
             _refuse_without_hybrid(tests, path)
         simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
-        bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
+        with files:
+            bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
         identify = tests.identify
         if not no_identify:
             check_analysis(path, tests)
@@ -146,7 +149,7 @@ def command(
             attended=_attended(as_json=as_json),
             serial_number=serial_number or "",
             confirmed=None if confirmed is None else frozenset(filter(None, confirmed.split(","))),
-            planned=planned or "",
+            planned=planned or "", files=files,
         )
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -15,6 +16,7 @@ from rig.errors import FileProblem
 from rig.files.loader import load_section
 from rig.files.quantity import Quantity
 from rig.files.section import Section
+from rig.text_file import read_bytes
 from rig.vehicle.road import (
     CLASSES,
     Obstacle,
@@ -157,13 +159,7 @@ def read_heights(path: Path, first: str) -> tuple[FloatArray, FloatArray]:
     Raises:
         FileProblem: no such file, other columns, or rows that are no ascending finite numbers.
     """
-    if not path.is_file():
-        raise FileProblem(str(path), ["file not found"])
-    if path.stat().st_size > MOST_BYTES:
-        raise FileProblem(str(path), [(
-            f"got {path.stat().st_size / 1000000.0:.0f} MB, expected at most {MOST_BYTES / 1000000.0:.0f} MB"
-        )])
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with io.StringIO(read_bytes(path, MOST_BYTES).decode(errors="replace"), newline=None) as file:
         names = [name.strip() for name in file.readline().split(",")]
         if names[:1] != [first] or len(names) not in {2, 3, 5}:
             raise FileProblem(

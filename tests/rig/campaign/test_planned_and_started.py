@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from rig.campaign.setup import plan_digest, same_plan
 from rig.cli.page_answers import answered
 from rig.errors import EXIT_REFUSED, FileProblem, Refused
 from rig.matrix.model import load_files, load_matrix
+from rig.text_file import FirstRead
 from simulators.scenarios.scenario import Silent
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -74,15 +76,20 @@ def test_a_file_that_was_changed_after_its_plan_is_refused(lab: Path, name: str)
     assert (caught.value.slug, caught.value.exit_code) == ("plan-changed", EXIT_REFUSED)
 
 
-def test_a_file_that_changes_while_the_run_starts_is_refused_before_anything_is_made(lab: Path) -> None:
+def test_a_file_that_changes_while_the_run_starts_is_run_and_kept_as_planned_or_refused(lab: Path) -> None:
     paths = lab / "quick.toml", lab / "demo-bench.toml"
     planned = plan_digest(*paths, *load_files(*paths))
     options = CampaignOptions(paths[0], lab / "out", bench_path=paths[1], planned=planned, serial_number="MR-7")
     matrix, bench = campaign._as_planned(options)
     assert (matrix.specimen.serial_number, bench is None) == ("MR-7", False)
-    paths[0].write_text(paths[0].read_text().replace("1.5 A", "1.4 A"))
+    with options.files:
+        load_files(*paths)
+        paths[0].write_text(paths[0].read_text().replace("1.5 A", "1.4 A"))
+        assert campaign._as_planned(options)[0].digest == matrix.digest
+        keep_matrix(paths[0], lab / "kept.toml", "MR-7")
+    assert load_matrix(lab / "kept.toml").digest == matrix.digest
     with pytest.raises(Refused) as caught:
-        campaign.run_campaign(options, Silent())
+        campaign.run_campaign(replace(options, files=FirstRead()), Silent())
     assert (caught.value.slug, (lab / "out").exists()) == ("plan-changed", False)
 
 
