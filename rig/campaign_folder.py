@@ -102,6 +102,12 @@ class CampaignFolder:
         return inside[0] if inside else here
 
     @property
+    def evaluated(self) -> list[Path]:
+        """Files that evaluations read: the points, and what describes them and the fit; only those that exist."""
+        beside = (self.description, self.bench, self.matrix, self.fit)
+        return [*sorted(self.points.glob("*.h5")), *(file for file in beside if file.is_file())]
+
+    @property
     def written_points(self) -> Path:
         """`points`, into which files are to be written.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 EXIT_DONE = 0
@@ -30,6 +30,16 @@ class RigError(Exception):
 
     def __init__(self, message: str) -> None:
         super().__init__(clean_text(message))
+
+    def __reduce__(self) -> tuple[Callable[..., RigError], tuple[object, ...]]:
+        """For the way from a worker process: classes of errors take other arguments than their message."""
+        return _received, (type(self), self.args, self.__dict__)
+
+
+def _received(kind: type[RigError], arguments: tuple[object, ...], state: dict[str, object]) -> RigError:
+    error = kind.__new__(kind, *arguments)
+    error.__dict__.update(state)
+    return error
 
 
 class FileProblem(RigError):

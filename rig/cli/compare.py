@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.options import Command, RunPath, json_option
+from rig.cli.options import Command, RunPath, json_option, scheduler_option
 from rig.cli.output import console, say, show, shown_path, write_json, write_pdf
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
+from rig.jobs.choice import workers_for
 from rig.recording.atomic_write import write_text_durably
 
 if TYPE_CHECKING:
@@ -38,10 +39,12 @@ if TYPE_CHECKING:
          "RUN-comparison.html and RUN-comparison.pdf.",
 )  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="Show every value, not only values that changed or failed.")
+@scheduler_option
 @json_option
 def command(
-    runs: tuple[Path, ...], bands: Path | None, out: Path | None, on_paper: bool, everything: bool, as_json: bool
-) -> int:
+    runs: tuple[Path, ...], bands: Path | None, out: Path | None, on_paper: bool, everything: bool,
+    scheduler: str | None, as_json: bool,
+) -> int:  # fmt: skip
     """Compare each recorded RUN with the first, and check all of them against acceptance bands.
 
     Use this command to compare a damper before and after an endurance test, to compare two specimens, or to check one
@@ -53,7 +56,8 @@ def command(
 
     if on_paper:
         out = _page_of(out, runs[0])
-    compared = compare(runs, bands)
+    with workers_for(scheduler, 1) as workers:
+        compared = compare(runs, bands, workers)
     pages: list[str] = [] if out is None else _written(compared, out.resolve(), on_paper=on_paper)
     if as_json:
         report, paper = [*pages, None, None][:2]

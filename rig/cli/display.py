@@ -12,9 +12,10 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.text import Text
 
-from rig.cli.tables import COLOURS, duration, plan_table
+from rig.cli.tables import COLOURS, plan_table
 from rig.cli.words import verdict_words
 from rig.display import SI, Shown
+from rig.jobs.time_left import duration
 
 if TYPE_CHECKING:
     from rig.campaign.results import PointResult

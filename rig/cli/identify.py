@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +13,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.cli.options import Command, MethodName, QuantityOption, RunOrFilter, RunPath, json_option, scheduler_option
-from rig.cli.output import console, show, shown_path, write_json
-from rig.errors import EXIT_DONE
-from rig.identification.cluster import cluster
+from rig.cli.output import console, job_bar, show, shown_path, write_json
+from rig.document.blocks import Block, Column, Note, Row, table
+from rig.document.words import FAIR, GOOD, PLAIN, POOR
+from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION
+from rig.jobs.choice import workers_for
+from rig.jobs.time_left import TimeLeft
+from rig.jobs.workers import WorkersFailed
 from rig.matrix.corrections import CORRECTIONS
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS
 
 if TYPE_CHECKING:
-    from rig.identification import Method
+    from rig.identification import FitOptions
+    from rig.identification.runs import RunFit
 
 SELDOM = 200_000  # new objects between two looks for circles of them: a twentieth of the time otherwise, for nothing
 SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
@@ -55,6 +61,7 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
         "rig identify RUN --model asymmetric --current-law saturating",
         "rig identify RUN --model lost_motion --temperature-law both",
         "rig identify RUN --method c_foa --bounds wide --budget 16000",
+        "rig identify --each logs/2026* --scheduler tcp://HOST:8786",
     ),
 )
 @click.argument("runs", type=RunPath(), nargs=-1, required=True)
@@ -128,6 +135,11 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
     help="Leave-one-motion-out cross-validation: prediction error for each amplitude and frequency, with the model "
          "fitted to all other motions.",
 )
+@click.option(
+    "--each", is_flag=True,
+    help="Fit each run separately and write a fit.json to each, instead of one fit of all runs; the runs are fitted in "
+         "parallel.",
+)  # fmt: skip
 @scheduler_option
 @json_option
 def command(
@@ -139,6 +151,7 @@ def command(
     profile_of: tuple[str, ...],
     diagnose: bool,
     bootstrap: int | None,
+    each: bool,
     scheduler: str | None,
     as_json: bool,
     **requested: Any,  # noqa: ANN401 - click has checked each by its own type
@@ -146,7 +159,8 @@ def command(
     """Fit damper models to RUNS and write fit.json to the first run; an earlier fit.json is kept under another name.
 
     A run is a campaign directory, a folder with exactly one campaign, or a point file. Parameters that the tests do not
-    determine are reported as not identifiable, with the reason. The exit code is 6 if no model can be fitted.
+    determine are reported as not identifiable, with the reason. The exit code is 6 if no model can be fitted (with
+    --each: if a run cannot be fitted).
     """
     gc.set_threshold(SELDOM)
     # loads numpy: not needed for the help
@@ -154,17 +168,19 @@ def command(
     from rig.identification.options import FEW
 
     settings = Method(method, **{name: requested.pop(name) for name in SETTINGS})
-    with _searching(settings, scheduler) as where:
-        profiled = (*(["nonlinear"] if profile else []), *profile_of)
-        options = FitOptions(method=where, profile=profiled, diagnose=diagnose or None, bootstrap=bootstrap or 0)
-        options = FitOptions.of(options, requested)
-        if model is not None:
-            options = replace(options, model=model)
-        elif not (options.one_model_only or profile_of or options.hysteresis != "kwok"):
-            options = replace(options, model=FEW)
-        if options.several:
-            options = replace(options, on_progress=lambda line: click.echo(line, err=True))
-        fit = identify_run(runs, options, suspect=suspect)
+    profiled = (*(["nonlinear"] if profile else []), *profile_of)
+    options = FitOptions(method=settings, profile=profiled, diagnose=diagnose or None, bootstrap=bootstrap or 0)
+    options = FitOptions.of(options, requested)
+    if model is not None:
+        options = replace(options, model=model)
+    elif not (options.one_model_only or profile_of or options.hysteresis != "kwok"):
+        options = replace(options, model=FEW)
+    if each:
+        return _each(runs, options, scheduler, suspect=suspect, as_json=as_json)
+    if options.several or options.bootstrap or options.unseen is not None:
+        options = replace(options, on_progress=lambda line: click.echo(line, err=True))
+    with _distributed(options, scheduler) as where:
+        fit = identify_run(runs, where, suspect=suspect)
     if fit.kept is not None:
         click.echo(f"the previous fit was saved as {shown_path(fit.kept)}", err=True)
     if as_json:
@@ -180,22 +196,79 @@ def command(
 
 
 @contextmanager
-def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
-    """The method, its populations evaluated by a scheduler's workers where there is one.
+def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOptions]:
+    """The options, with a scheduler's workers where there is one.
 
     Raises:
-        UsageError: the method evaluates no populations.
+        UsageError: the fit has no parts that workers could compute.
     """
     # loads all algorithms and numpy: not needed for the help
     from rig.optimisers import METHODS
 
     if scheduler is None:
-        yield method
+        yield options
         return
-    if method.name not in METHODS:
+    method = options.how
+    if not (options.several or options.bootstrap or options.unseen is not None or method.name in METHODS):
         raise click.UsageError(
-            f"--scheduler: {method.name} does not evaluate populations. Fix: omit --scheduler, or choose "
-            f"another --method: {', '.join(METHODS)}"
+            f"--scheduler: a fit of one model with --method {method.name} is a single job. Fix: omit --scheduler, or "
+            "add --each, --model all, --bootstrap N, --unseen pairs, or a search method "
+            f"(--method {'|'.join(METHODS)})"
         )
-    with cluster(scheduler) as (executor, count):
-        yield replace(method, executor=executor, chunks=count)
+    with workers_for(scheduler) as workers:
+        if method.name in METHODS:
+            method = replace(method, executor=workers.executor, chunks=workers.count)
+        yield replace(options, workers=workers, method=method)
+
+
+def _each(
+    runs: tuple[Path, ...], options: FitOptions, scheduler: str | None, *, suspect: bool, as_json: bool
+) -> int:
+    """Fit the runs separately; the progress on the standard error.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the runs that are left are named.
+        WorkersFailed: likewise.
+    """
+    # loads numpy: not needed for the help
+    from rig.identification import identify_each
+
+    ended: list[RunFit] = []
+    clock = TimeLeft(len(runs))
+    with job_bar("runs") as show_progress:
+        show_progress(0, len(runs))
+
+        def finished(fit: RunFit, done: int) -> None:
+            ended.append(fit)
+            show_progress(done, len(runs), clock.after(done))
+
+        try:
+            processes = min(len(runs), os.cpu_count() or 1)
+            with workers_for(scheduler, processes) as workers:
+                where = replace(options, workers=workers)
+                fits = identify_each(runs, where, suspect=suspect, finished=finished)
+        except (KeyboardInterrupt, WorkersFailed) as stop:
+            kept = f"{len(ended)} of {len(runs)} runs are fitted and their fit.json files are kept"
+            raise type(stop)(f"{stop}\n{kept}" if str(stop) else kept) from stop
+    failed = sum(1 for fit in fits if fit.error)
+    if as_json:
+        write_json({"runs": [fit.to_json() for fit in fits], "fitted": len(fits) - failed, "failed": failed})
+    else:
+        show(_table_of(fits), console())
+    return EXIT_IDENTIFICATION if failed else EXIT_DONE
+
+
+def _table_of(fits: Sequence[RunFit]) -> list[Block]:
+    """One row a run, and why runs could not be fitted."""
+    head = [
+        Column("run"), Column("model"), Column("error, % of force amplitude", "", True),
+        Column("fits within measurement noise"),
+    ]  # fmt: skip
+    words = {True: ("yes", GOOD), False: ("no", FAIR), None: ("-", PLAIN)}
+    rows = []
+    for fit in fits:
+        adequate, level = ("failed", POOR) if fit.error else words[fit.adequate]
+        error = "-" if fit.error else f"{fit.nrmse_percent_of_peak:.3g}"
+        rows.append(Row((fit.run.name, fit.model or "-", error, adequate), level))
+    reasons = [Note(POOR, f"{fit.run.name}: {fit.error}") for fit in fits if fit.error]
+    return [table(head, rows), *reasons]

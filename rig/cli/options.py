@@ -157,7 +157,8 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 scheduler_option = click.option(
     "--scheduler",
     metavar="URL",
-    help="Dask scheduler (tcp://HOST:8786) for the searches; this software must be installed on its workers.",
+    help="Run the jobs on the workers of this Dask scheduler (tcp://HOST:8786, tls://HOST:8786, or a scheduler file) "
+         "instead of on this computer.",
 )
 out_option = click.option(
     "--out",

@@ -11,11 +11,12 @@ import sys
 import unicodedata
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rig.document.terminal import lines, wrapped
 from rig.errors import RigError
 from rig.extras import how_to_install
+from rig.jobs.time_left import duration
 from rig.recording.atomic_write import write_durably
 
 if TYPE_CHECKING:
@@ -55,6 +56,29 @@ def status_line(console: Console, text: str) -> Iterator[None]:
         yield
         with suppress(OSError):
             shown.close()
+
+
+class JobBar(Protocol):
+    """Shows how many jobs are done; what `job_bar` yields."""
+
+    def __call__(self, done: int, total: int, left_s: float | None = None, doing: str = "") -> None:
+        """Jobs done, jobs in total, seconds left where that is known, what is being done where that has changed."""
+
+
+@contextmanager
+def job_bar(what: str) -> Iterator[JobBar]:
+    """A bar on the standard error with the number of finished jobs and the time left."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
+    with Progress(*columns, console=console(as_json=True)) as bar:
+        task = bar.add_task(what, total=None, left="")
+
+        def show_progress(done: int, total: int, left_s: float | None = None, doing: str = "") -> None:
+            left = "" if left_s is None or done == total else f"{duration(left_s)} left"
+            bar.update(task, description=doing or what, completed=done, total=total, left=left)
+
+        yield show_progress
 
 
 def _plain(value: object) -> object:

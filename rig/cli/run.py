@@ -340,8 +340,8 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
     from rich.text import Text
 
     # loads numpy and pyserial: not needed for the help
-    from rig.cli.tables import duration
     from rig.cli.words import ending
+    from rig.jobs.time_left import duration
 
     campaign = result.campaign
     if result.report is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, json_option, scheduler_option
-from rig.cli.output import console, show, write_json
+from rig.cli.output import JobBar, console, job_bar, show, write_json
 from rig.document.blocks import Column, Head, Paragraph, table
 from rig.errors import EXIT_DONE
+from rig.jobs.workers import WorkersFailed
 
 if TYPE_CHECKING:
     from rig.study.execution import StudyProgress
@@ -47,8 +48,6 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     The results are tables (CSV), study.json and study.html. After an interruption, run the same command again to
     continue; finished searches are kept.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
     # loads numba and scipy: not needed for the help
     from rig.study.benchmark_file import is_benchmark
     from rig.study.comparison import run_study
@@ -57,16 +56,9 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     folder = out or Path("logs") / f"study-{file.stem}"
     if is_benchmark(file):
         with _resumable(folder):
-            return _benchmark(file, folder, processes, as_json)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
-    with _resumable(folder), Progress(*columns, console=console(as_json=True)) as bar:
-        task = bar.add_task("searches", total=None, left="")
-
-        def follow(progress: StudyProgress) -> None:
-            left = "" if progress.seconds_left is None else f"{_minutes(progress.seconds_left)} left"
-            bar.update(task, description=progress.doing, completed=progress.done, total=progress.total, left=left)
-
-        outcome = run_study(file, folder, processes, follow, scheduler)
+            return _benchmark(file, folder, processes, scheduler, as_json)
+    with _resumable(folder), job_bar("searches") as show_progress:
+        outcome = run_study(file, folder, processes, _followed(show_progress), scheduler)
     if as_json:
         results = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
@@ -81,34 +73,34 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
 
 @contextmanager
 def _resumable(folder: Path) -> Iterator[None]:
-    """Ctrl-C says what is kept and how to go on.
+    """After Ctrl-C, or without workers, a message on what is kept and how to continue.
 
     Raises:
         KeyboardInterrupt: Passed on, with that text.
+        WorkersFailed: Likewise.
     """
+    kept = f"finished results are kept in {folder}; run the same command again to continue the study"
     try:
         yield
     except KeyboardInterrupt as stop:
-        raise KeyboardInterrupt(f"finished results are kept in {folder}; run the same command again to "
-            "continue the study") from stop
+        raise KeyboardInterrupt(kept) from stop
+    except WorkersFailed as error:
+        raise WorkersFailed(f"{error}\n{kept}") from error
 
 
-def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -> int:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+def _followed(show_progress: JobBar) -> Callable[[StudyProgress], None]:
+    """What a study calls with its progress."""
+    return lambda progress: show_progress(progress.done, progress.total, progress.seconds_left, progress.doing)
 
+
+def _benchmark(file: Path, folder: Path, processes: int | None, scheduler: str | None, as_json: bool) -> int:
     # loads numpy and h5py: not needed for the help
     from rig.study.benchmark import run_benchmark
     from rig.study.outputs import as_json as plain
     from rig.study.outputs import written
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=console(as_json=True)) as bar:
-        task = bar.add_task("fits", total=None)
-
-        def follow(progress: StudyProgress) -> None:
-            bar.update(task, completed=progress.done, total=progress.total)
-
-        outcome = run_benchmark(file, folder, processes, follow)
+    with job_bar("fits") as show_progress:
+        outcome = run_benchmark(file, folder, processes, _followed(show_progress), scheduler)
     if as_json:
         results = plain([outcome.table], {}, outcome.facts)
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
@@ -123,7 +115,3 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
     shown.print(f"page: {outcome.page}", soft_wrap=True)
     return EXIT_DONE
 
-
-def _minutes(seconds: float) -> str:
-    whole = round(seconds)
-    return f"{whole // 60} min {whole % 60:02d} s" if whole >= 60 else f"{whole} s"

@@ -17,6 +17,7 @@ from rig.document.blocks import Block, Blocks, Column, Note, Paragraph, Row, tab
 from rig.document.terminal import Line, lines
 from rig.document.words import FAIR, GOOD, PLAIN, POOR
 from rig.errors import clean_text
+from rig.jobs.time_left import duration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -39,17 +40,6 @@ SHORT = {
 NO_VALUE = "-"
 
 COLOURS = {"valid": "green", "suspect": "yellow", "invalid": "red"}
-
-
-def duration(seconds: float) -> str:
-    """Seconds as a person says them: "4.5 s", "3 min 20 s", "34 h 12 min"."""
-    if seconds < 99.5:
-        return f"{seconds:.1f} s" if seconds < 9.95 else f"{seconds:.0f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    hours, minutes = divmod(round(seconds / 60), 60)
-    return f"{hours} h {minutes} min"
 
 
 def energy(joule: float) -> str:

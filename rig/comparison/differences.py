@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder, run_path
 from rig.comparison.acceptance import AcceptanceResult, evaluate
 from rig.comparison.bands import load_bands
 from rig.comparison.changes import Change, ChangeSummary, change, summarised, transfer
@@ -25,6 +26,7 @@ from rig.comparison.readings import (
 )
 from rig.display import Display
 from rig.errors import RigError
+from rig.jobs.workers import HERE, Job, Workers
 from rig.recording.run import Run
 from rig.signals.test_set import MOTION_SHARE
 from rig.test_point import SIGNAL
@@ -255,12 +257,15 @@ class Comparison:
         }  # fmt: skip
 
 
-def compare(runs: Sequence[Path | str | Run], bands: Path | str | None = None) -> Comparison:
+def compare(
+    runs: Sequence[Path | str | Run], bands: Path | str | None = None, workers: Workers = HERE
+) -> Comparison:
     """Put runs beside each other.
 
     Args:
         runs: campaigns, or their directories; the first is the reference. One alone needs `bands`.
         bands: acceptance bands file.
+        workers: evaluate the runs that are given by their directories.
 
     Raises:
         RigError: one run without bands, or more than 12.
@@ -271,9 +276,28 @@ def compare(runs: Sequence[Path | str | Run], bands: Path | str | None = None) -
         raise RigError("nothing to compare. Fix: specify two runs, or one run and acceptance bands (--bands FILE)")
     if len(runs) > MOST_RUNS:
         raise RigError(f"got {len(runs)} runs, expected at most {MOST_RUNS}")
-    read = tuple(readings_of(run if isinstance(run, Run) else Run.open(run)) for run in runs)
+    read = _read(runs, workers)
     acceptance = None if limits is None else evaluate(limits, read, str(bands))
     return Comparison(read, _rows(read), acceptance)
+
+
+def _read(runs: Sequence[Path | str | Run], workers: Workers) -> tuple[RunReadings, ...]:
+    """What every run can be compared by."""
+    paths = [run for run in runs if not isinstance(run, Run)]
+    if workers is HERE or not paths:
+        return tuple(readings_of(run if isinstance(run, Run) else Run.open(run)) for run in runs)
+    folders = [CampaignFolder.found(run_path(path)) for path in paths]
+    workers.check_files([file for folder in folders for file in folder.evaluated])
+    whole = [folder.path.absolute() for folder in folders]
+    evaluated = iter(workers.in_order(Job(path.name, _readings_at, (path,)) for path in whole))
+    return tuple(readings_of(run) if isinstance(run, Run) else next(evaluated) for run in runs)
+
+
+def _readings_at(path: Path) -> RunReadings:
+    """In a worker: what a run can be compared by, without the arrays that were read for it."""
+    readings = readings_of(Run.open(path))
+    points = tuple(replace(point) for point in readings.run.points)
+    return replace(readings, run=replace(readings.run, points=points))
 
 
 def _rows(runs: Sequence[RunReadings]) -> tuple[MotionRow, ...]:

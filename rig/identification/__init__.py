@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rig.identification.options import FitOptions
     from rig.identification.points.preparation import prepare
     from rig.identification.resampling import Bootstrap, bootstrap
-    from rig.identification.runs import identify, identify_run
+    from rig.identification.runs import identify, identify_each, identify_run
     from rig.identification.uncertainty.fit import Fit
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "Weighting",
     "bootstrap",
     "identify",
+    "identify_each",
     "identify_run",
     "prepare",
     "solve_separable",
@@ -53,6 +54,7 @@ _HOMES = {
     "Weighting": "rig.identification.models.projection",
     "bootstrap": "rig.identification.resampling",
     "identify": "rig.identification.runs",
+    "identify_each": "rig.identification.runs",
     "identify_run": "rig.identification.runs",
     "prepare": "rig.identification.points.preparation",
     "solve_separable": "rig.identification.models.separable",

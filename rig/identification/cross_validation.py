@@ -20,10 +20,10 @@ PAIRS = "pairs"
 LEFT_OUT = "leave-one-pair-out"
 
 
-def pairs_of(tests: Sequence[Measurement]) -> list[tuple[MotionReading, list[Measurement]]]:
-    """Each amplitude and frequency with its tests, whatever their current and waveform."""
+def pairs_of(tests: Sequence[Measurement]) -> list[tuple[MotionReading, list[int]]]:
+    """Each amplitude and frequency with the numbers of its tests, whatever their current and waveform."""
     groups = motion_groups([replace(test.motion, waveform="") for test in tests])
-    return [(motion, [tests[k] for k in groups.members(number)]) for number, motion in enumerate(groups.motions)]
+    return [(motion, list(groups.members(number))) for number, motion in enumerate(groups.motions)]
 
 
 def refuse_one_pair(tests: Sequence[Measurement]) -> None:
@@ -50,13 +50,13 @@ def refuse_one_pair(tests: Sequence[Measurement]) -> None:
 
 
 def cross_validated(
-    tests: Sequence[Measurement], error_of: Callable[[list[Measurement], list[Measurement]], ErrorSummary]
+    tests: Sequence[Measurement], errors_of: Callable[[Sequence[Sequence[int]]], Sequence[ErrorSummary]]
 ) -> Unseen:
     """Leave-one-pair-out cross-validation: every amplitude and frequency predicted from the others.
 
     Args:
         tests: the tests.
-        error_of: fits the first ones and scores the second ones, which that fit has not seen.
+        errors_of: scores each group of tests, given by their numbers, with a fit to all others.
 
     Raises:
         IdentificationFailed: the model cannot be fitted to what is left.
@@ -66,9 +66,10 @@ def cross_validated(
         id(test): test.nominal_current_A if levels.of_test[number] is None else levels.name_A(number)
         for number, test in enumerate(tests)
     }
-    for motion, group in pairs_of(tests):
-        rest = [test for test in tests if not any(test is other for other in group)]
-        error = error_of(rest, group)
+    motions = pairs_of(tests)
+    errors = errors_of([numbers for _, numbers in motions])
+    for (motion, numbers), error in zip(motions, errors, strict=True):
+        group = [tests[number] for number in numbers]
         amplitude_m, frequency_Hz = motion.nominal
         relative = error.nrmse_percent_of_peak
         pairs.append(UnseenPair(amplitude_m, frequency_Hz, len(group), relative, error.r_squared))

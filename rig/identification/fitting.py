@@ -26,7 +26,7 @@ from rig.identification.fit_state import FitState, stages_of
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
-from rig.identification.models.solving import Candidate, Method, solve
+from rig.identification.models.solving import Candidate, Method, solve, splits
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import bench_of, next_tests
 from rig.identification.options import ALL, FEW, FitOptions
@@ -40,6 +40,8 @@ from rig.identification.selection import candidates_of, compare, doubts_of, grou
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.scoring import score, with_extrapolations
+from rig.jobs.time_left import TimeLeft
+from rig.jobs.workers import HERE, Job
 from rig.matrix.corrections import Correction
 from rig.matrix.methods import FEW_MODELS
 from rig.units import DIMENSIONS, si_suffix
@@ -207,18 +209,21 @@ def _fit_models(state: FitState) -> FitState:
         IdentificationFailed: no model can be fitted.
     """
     options, fitted, held_out = state.options, state.fitted, state.held_out
-    candidates, refused, given_up = candidates_of(state.models, fitted, options.how, options.on_progress)
-    candidates, method, ratio = weighted_by_misfit(candidates, fitted, options.how)
+    workers = options.workers
+    candidates, refused, given_up = candidates_of(state.models, fitted, options.how, options.on_progress, workers)
+    candidates, method, ratio = weighted_by_misfit(candidates, fitted, options.how, workers)
     reweighted = [say("relative-weights", ratio=ratio)] if method.weight != options.how.weight else []
     options = replace(options, method=method)
     if len(candidates) > 1:
         options.report("comparing the models on validation tests")
-    ranking, best = compare(candidates, fitted, held_out, method)
+    ranking, best = compare(candidates, fitted, held_out, method, workers)
     doubts = doubts_of(ranking, held_out)
     if len(state.laws) > 1:
         bent = [with_law(best.model, law) for law in state.laws if law != AFFINE]
-        more, failed, _ = candidates_of(bent, fitted, method, options.on_progress)
-        by_law, recommended = compare([best, *more], fitted, held_out, method)
+        # Searches of states within a search for a law stop at a rival's error, which must be known to each of them.
+        able = workers if splits(best.model, fitted) else HERE
+        more, failed, _ = candidates_of(bent, fitted, method, options.on_progress, able)
+        by_law, recommended = compare([best, *more], fitted, held_out, method, workers)
         doubts = doubts_of(by_law, held_out) or doubts
         ranking = (*by_law, *(one for one in ranking if one.model != best.model.name))
         best, refused = recommended, [*refused, *failed]
@@ -293,7 +298,10 @@ def _with_bootstrap(state: FitState) -> FitState:
     if not state.options.bootstrap:
         return state
     tests, _ = state.described or (state.fitted, state.held_out)
-    drawn = bootstrap(state.so_far, tests, count=state.options.bootstrap).kept()
+    options = state.options
+    drawn = bootstrap(
+        state.so_far, tests, count=options.bootstrap, workers=options.workers, on_progress=options.on_progress
+    ).kept()
     return state.with_parts(uncertainty={"drawn": drawn})
 
 
@@ -303,16 +311,26 @@ def _with_cross_validation(state: FitState) -> FitState:
         return state
     fit, options = state.so_far, state.options
     alone = FitOptions(
-        model=fit.model, method=options.method, hysteresis=fit.hysteresis_form, diagnose=False,
+        model=fit.model, method=options.how.without_executor, hysteresis=fit.hysteresis_form, diagnose=False,
         corrections=options.corrections,
     )  # fmt: skip
+    tests, workers = list(state.known.fitted), options.workers
+    shared = workers.share(tests)
 
-    def error_of(rest: list[Measurement], group: list[Measurement]) -> ErrorSummary:
-        options.report(f"predicting {some([test.id for test in group])}")
-        apart = identify(rest, alone, holdout=group)
-        return apart.error if apart.holdout is None else apart.holdout
+    def errors_of(groups: Sequence[Sequence[int]]) -> list[ErrorSummary]:
+        names = [some([tests[number].id for number in group]) for group in groups]
+        jobs = [Job(name, _predicted, (shared, group, alone)) for name, group in zip(names, groups, strict=True)]
+        clock = TimeLeft(len(jobs))
+        return workers.in_order(jobs, lambda job, done: options.report(f"predicted {job.name} ({clock.text(done)})"))
 
-    return state.with_parts(evaluation={"unseen": cross_validated(state.known.fitted, error_of)})
+    return state.with_parts(evaluation={"unseen": cross_validated(tests, errors_of)})
+
+
+def _predicted(tests: Sequence[Measurement], group: Sequence[int], options: FitOptions) -> ErrorSummary:
+    """In a worker: the error on a group of tests, by their numbers, of a fit to all others."""
+    left_out = [tests[number] for number in group]
+    fit = identify([test for number, test in enumerate(tests) if number not in group], options, holdout=left_out)
+    return fit.error if fit.holdout is None else fit.holdout
 
 
 def _with_next_tests(state: FitState) -> FitState:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rig.dampers import Hysteresis
 from rig.dampers.current_law import AFFINE
 from rig.identification.models.solving import SEPARABLE, Method
+from rig.jobs.workers import HERE, Workers
 from rig.matrix.corrections import CORRECTIONS, SETTINGS, Correction
 from rig.test_point import TestPoint
 
@@ -81,6 +82,8 @@ class FitOptions:
             in any case.
         bootstrap: number of bootstrap draws, for intervals that include misfit (`rig.identification.bootstrap`).
         unseen: "pairs": leave-one-motion-out cross-validation of the model.
+        workers: where independent parts of the work are computed: the models that are compared, bootstrap draws, the
+            motions of a cross-validation (`rig.jobs.choice.workers_for`). The result does not depend on them.
         on_progress: called with a line of text before each model is fitted and each comparison.
         corrections: setting of each correction that is requested (`rig.matrix.corrections`). As keywords:
             `series_spring=True` looks for a spring in series with the damper, and fits the damper behind it;
@@ -101,6 +104,7 @@ class FitOptions:
     diagnose: bool | None = None
     bootstrap: int = 0
     unseen: str | None = None
+    workers: Workers = HERE
     on_progress: Callable[[str], None] | None = None
     corrections: Mapping[str, Any] = field(default_factory=dict)
 

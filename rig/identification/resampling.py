@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -36,6 +36,8 @@ from rig.identification.remarks import some
 from rig.identification.uncertainty.bootstrap_result import PREDICTED, bootstrap_result, intervals_of
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit import Fit
+from rig.jobs.time_left import TimeLeft
+from rig.jobs.workers import HERE, ExecutorWorkers, Job, Workers
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
 
 FEWEST_TESTS = 3
 LEAST_DRAWS = 20
+PARTS, PART = 4, 10  # parts for each worker, so that all end together; fewest draws of a part
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,7 @@ class _Task:
     near: Mapping[str, float]
     names: tuple[str, ...]
     seed: int
+    compiled: bool
 
 
 def bootstrap(
@@ -122,6 +126,8 @@ def bootstrap(
     seed: int = 0,
     executor: Executor | None = None,
     chunks: int | None = None,
+    workers: Workers = HERE,
+    on_progress: Callable[[str], None] | None = None,
 ) -> Bootstrap:
     """Draw the tests of a fit again, and fit its model each time.
 
@@ -129,9 +135,11 @@ def bootstrap(
         fit: a fit of these tests by least squares or Huber's loss.
         tests: what it was fitted to: a run, its points, or measurements.
         count: draws.
-        seed: of the random draws; the draws do not depend on executor or chunks.
-        executor: fits parts of the draws, any of `concurrent.futures`; None: this process does.
+        seed: of the random draws; the draws do not depend on where they are fitted.
+        executor: fits parts of the draws, any of `concurrent.futures`; None: the workers do.
         chunks: parts for the executor; None: one for each processor of this machine.
+        workers: fit parts of the draws.
+        on_progress: called with a line of text after each part that workers have fitted.
 
     Raises:
         IdentificationFailed: fewer than three tests or others than the fit's, a model without quick weighted fits,
@@ -140,12 +148,18 @@ def bootstrap(
     if count < LEAST_DRAWS:
         raise IdentificationFailed(f"bootstrap: got count = {count}, expected {LEAST_DRAWS} or more")
     measurements = tuple(fit_inputs(tests, None, ()).fitted)
-    task = _task(fit, measurements, seed)
+    task = _task(fit, measurements, seed, count)
     _refuse_others([test.id for test in fit.error.per_test], [test.id for test in measurements])
-    numbers = np.array_split(np.arange(count), 1 if executor is None else chunks or os.cpu_count() or 1)
-    parts = [(task, tuple(part.tolist())) for part in numbers if part.size]
-    results = map(_fitted, parts) if executor is None else executor.map(_fitted, parts)
-    draws = np.concatenate(list(results))
+    if executor is not None:
+        workers = ExecutorWorkers(executor, chunks or os.cpu_count() or 1)
+    parts = workers.count if executor is not None or workers is HERE else min(PARTS * workers.count, count // PART)
+    shared, numbers = workers.share(task), np.array_split(np.arange(count), max(1, min(parts, count)))
+    jobs = [Job(f"bootstrap draws from {part[0]}", _fitted, (shared, tuple(part.tolist()))) for part in numbers]
+    clock, report = TimeLeft(len(jobs)), on_progress or (lambda line: None)
+    quiet = len(jobs) == 1
+    draws = np.concatenate(workers.in_order(
+        jobs, lambda job, done: None if quiet else report(f"bootstrap: parts {clock.text(done)}")
+    ))  # fmt: skip
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     if kept.shape[0] < 0.9 * count:
         raise IdentificationFailed(f"bootstrap: {count - kept.shape[0]} of {count} samples could not be fitted")
@@ -169,7 +183,7 @@ def _refuse_others(fitted: Sequence[str], drawn: Sequence[str]) -> None:
         )
 
 
-def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
+def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int, count: int) -> _Task:
     """What the workers need.
 
     Raises:
@@ -196,14 +210,14 @@ def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
     findings = examine(model, measurements)
     names = tuple(name for name in findings.free(model.names) if name != "eta" and name in fit.values)
     held = frozenset(findings.held)
-    return _Task(fit.model, fit.hysteresis_form, measurements, weighting, held, fit.values, names, seed)
+    compiled = count * sum(test.u_m.size for test in measurements) >= WORTH_COMPILING
+    return _Task(fit.model, fit.hysteresis_form, measurements, weighting, held, fit.values, names, seed, compiled)
 
 
-def _fitted(part: tuple[_Task, tuple[int, ...]]) -> FloatArray:
-    """Values of some draws, shape (k, p); a row of NaN where one could not be fitted."""
-    task, numbers = part
+def _fitted(task: _Task, numbers: tuple[int, ...]) -> FloatArray:
+    """In a worker: values of some draws, shape (k, p); a row of NaN where one could not be fitted."""
     model = rig.dampers.model(task.model, task.hysteresis)
-    if len(numbers) * sum(test.u_m.size for test in task.tests) >= WORTH_COMPILING:
+    if task.compiled:
         import_module("rig.identification.models.kernels")  # loaded, it is used
     cycles = [_cycles(test) for test in task.tests]
     robust = task.weighting.extra

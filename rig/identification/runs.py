@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
 
-from rig.campaign_folder import CampaignFolder
-from rig.errors import FileProblem, IdentificationFailed, evaluating
+from rig.campaign_folder import CampaignFolder, run_path
+from rig.errors import FileProblem, IdentificationFailed, RigError, evaluating
 from rig.identification.application.saving import saved
 from rig.identification.fitting import identify as fit_tests
 from rig.identification.models.measurement import Measurement
@@ -16,6 +18,7 @@ from rig.identification.next_test import bench_of
 from rig.identification.options import FEW, DeclaredErrors, FitOptions
 from rig.identification.remarks import say, some
 from rig.identification.uncertainty.fit import Fit
+from rig.jobs.workers import HERE, Job
 from rig.recording.load_options import OPTIONS, LoadOptions
 from rig.recording.quality.cross_checks import doubts
 from rig.recording.recorded_point import RecordedPoint
@@ -144,6 +147,133 @@ def identify_run(
     fit = identify(runs, options, suspect=suspect, **changes)
     written, kept = write_fit(fit, runs[0].path)
     return replace(fit, path=written, kept=kept)
+
+
+@dataclass(frozen=True)
+class RunFit:
+    """What came of one run of several that were fitted separately.
+
+    Attributes:
+        run: the run's folder, or the point file it is.
+        text: content of its `fit.json`; empty where it could not be fitted.
+        model: the fitted model; empty without one.
+        nrmse_percent_of_peak: error on the fitted tests; NaN without a fit.
+        adequate: whether the model fits within the measurement noise; None where that is not known.
+        error: why there is no fit; empty where there is one.
+        path, kept: where the fit was written, and an older one kept; None before.
+    """
+
+    run: Path
+    text: str = ""
+    model: str = ""
+    nrmse_percent_of_peak: float = math.nan
+    adequate: bool | None = None
+    error: str = ""
+    path: Path | None = None
+    kept: Path | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain types; the keys are in `docs/json.md`."""
+        error = self.nrmse_percent_of_peak
+        return {
+            "run": str(self.run), "fit": None if self.path is None else str(self.path),
+            "kept": None if self.kept is None else str(self.kept), "model": self.model or None,
+            "nrmse_percent_of_peak": error if math.isfinite(error) else None, "adequate": self.adequate,
+            "error": self.error or None,
+        }  # fmt: skip
+
+
+def identify_each(
+    paths: Sequence[Path | str],
+    options: FitOptions | None = None,
+    *,
+    suspect: bool = False,
+    finished: Callable[[RunFit, int], None] | None = None,
+    **changes: Any,  # noqa: ANN401 - by their names
+) -> list[RunFit]:
+    """Fit recorded runs separately, and write `fit.json` into each as soon as it is fitted.
+
+    Args:
+        paths: as for `identify_run`.
+        options: what is asked of each fit; its `workers` fit the runs.
+        suspect: include suspect points, not only valid ones.
+        finished: called with each run that has ended, and how many have.
+        changes: options by name in place of those: see `FitOptions`.
+
+    Returns:
+        One entry a run, in the order of the runs. A run that cannot be fitted does not affect the others.
+
+    Raises:
+        FileProblem: a path is no run, or is given twice.
+        RigError: the workers cannot read the runs.
+        WorkersFailed: the workers can no longer be used; what is fitted by then is written.
+        TypeError: there is no such option.
+    """
+    options = FitOptions.of(options, changes)
+    workers = options.workers
+    runs = [_run_of(path) for path in paths]
+    _refuse_one_target(runs)
+    files = [file for run in runs for file in _files_of(run)]
+    held_out = options.holdout
+    if isinstance(held_out, (str, Path)) and Path(held_out).exists():
+        options = replace(options, holdout=str(Path(held_out).absolute()))
+        files += _files_of(_run_of(held_out))
+    workers.check_files(files)
+    sent = replace(options, workers=HERE, on_progress=None, method=options.how.without_executor)
+    done: dict[Path, RunFit] = {}
+    for _, fit in workers.results(Job(run.name, _run_fit, (run, sent, suspect)) for run in runs):
+        done[fit.run] = _written(fit) if fit.text else fit
+        if finished is not None:
+            finished(done[fit.run], len(done))
+    return [done[run] for run in runs]
+
+
+def _run_of(path: Path | str) -> Path:
+    """The whole path of a run's folder, or of the point file that it is."""
+    place = run_path(path)
+    return place.absolute() if place.is_file() else CampaignFolder.found(place).path.absolute()
+
+
+def _refuse_one_target(runs: Sequence[Path]) -> None:
+    """Refuse runs whose fits would be written to one place.
+
+    Raises:
+        FileProblem: two runs are one, or two point files lie in one folder.
+    """
+    targets = Counter(_folder_of(run) for run in runs)
+    for folder, count in targets.items():
+        if count > 1:
+            raise FileProblem(str(folder), [
+                f"specified {count} times, but each run gets one fit.json. Fix: specify each run once, by its folder"
+            ])  # fmt: skip
+
+
+def _folder_of(run: Path) -> Path:
+    """Where a run's fit is written: in its folder, or next to the point file that it is."""
+    return run if run.is_dir() else run.parent
+
+
+def _files_of(run: Path) -> list[Path]:
+    """The files that a fit of a run reads."""
+    return [run] if run.is_file() else CampaignFolder(run).evaluated
+
+
+def _run_fit(run: Path, options: FitOptions, suspect: bool) -> RunFit:
+    """In a worker: the fit of one run."""
+    try:
+        fit = identify([Run.open(run)], options, suspect=suspect)
+    except RigError as error:
+        return RunFit(run, error=str(error))
+    return RunFit(run, fit.text, fit.model, fit.error.nrmse_percent_of_peak, fit.adequate)
+
+
+def _written(fit: RunFit) -> RunFit:
+    """A fit in its run's folder; one that cannot be written is an error of this run only."""
+    try:
+        path, kept = saved(fit.text, CampaignFolder(_folder_of(fit.run)).fit)
+    except FileProblem as error:
+        return replace(fit, error=str(error))
+    return replace(fit, path=path, kept=kept)
 
 
 def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:

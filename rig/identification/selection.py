@@ -9,8 +9,8 @@ Then each test counts alike, by its error in % of its peak, which is also how mo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import ModelScore, TestError, mean_within
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
-from rig.identification.models.separable import SearchAbandoned, motion_scale
+from rig.identification.models.separable import Reached, SearchAbandoned, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.remarks import Remark, say, some
 from rig.identification.uncertainty.scoring import score, with_extrapolations
+from rig.jobs.time_left import TimeLeft
+from rig.jobs.workers import HERE, Job, Workers
 
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
 RELATIVE = "relative"
@@ -33,43 +35,120 @@ TO_THE_NOISE = 1.2  # times the tests' scatter: what a model may leave that desc
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
 
+@dataclass(frozen=True)
+class _Attempt:
+    """What came of fitting one model: a candidate with its error, or why there is none.
+
+    Attributes:
+        candidate: the fitted model; None without one.
+        rmse_N: its root mean square error on the tests; infinite without one.
+        reached: what its search had reached when it was compared with a rival.
+        free: number of its free parameters.
+        refused: why the method cannot fit it; empty where it can.
+    """
+
+    candidate: Candidate | None
+    rmse_N: float
+    reached: Reached | None
+    free: int
+    refused: str = ""
+
+
+def _attempt(model: DamperModel, fitted: Sequence[Measurement], method: Method, rival_N: float) -> _Attempt:
+    """In a worker: fit one model."""
+    findings = examine(model, fitted)
+    free = len(findings.free(model.names))
+    try:
+        with evaluating(f"the fit of {model.name}"):
+            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
+            rmse_N = score(model, candidate.solution.values, fitted).rmse_N
+    except SearchAbandoned as error:
+        return _Attempt(None, math.inf, error.reached, free)
+    except IdentificationFailed as error:
+        return _Attempt(None, math.inf, None, free, str(error))
+    return _Attempt(candidate, rmse_N, candidate.solution.reached, free)
+
+
 def candidates_of(
     models: Sequence[DamperModel],
     fitted: Sequence[Measurement],
     method: Method,
     on_progress: Callable[[str], None] | None,
+    workers: Workers = HERE,
 ) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
     """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
+
+    The result does not depend on the workers: a search that had gone on although an earlier model is far better, since
+    that was not known yet, counts as given up.
 
     Raises:
         IdentificationFailed: no model can be fitted.
     """
+    scale = motion_scale(fitted)
+    order = sorted(models, key=lambda model: model.separation(scale) is None)
     candidates, refused, given_up = [], [], []
     rival_N = math.inf
-    scale = motion_scale(fitted)
-    searched_last = sorted(models, key=lambda model: model.separation(scale) is None)
-    for number, model in enumerate(searched_last, 1):
-        if on_progress is not None:
-            on_progress(f"fitting {model.name} ({number} of {len(models)})")
-        findings = examine(model, fitted)
-        try:
-            with evaluating(f"the fit of {model.name}"):
-                candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
-                if len(models) > 1:
-                    rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
-            candidates.append(candidate)
-        except SearchAbandoned as reason:
-            free = len(findings.free(model.names))
-            given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
-        except IdentificationFailed as error:
-            refused.append(str(error))
+    for model, attempt in zip(order, _attempts(order, fitted, method, on_progress, workers), strict=True):
+        reason = attempt.reached.hopeless(model.name, rival_N) if attempt.reached is not None else None
+        if reason is not None:
+            given_up.append(ModelScore(model.name, None, math.nan, math.nan, attempt.free, method.name, str(reason)))
+        elif attempt.candidate is None:
+            refused.append(attempt.refused)
+        else:
+            candidates.append(attempt.candidate)
+            rival_N = min(rival_N, attempt.rmse_N)
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
     return candidates, refused, tuple(given_up)
 
 
+def _attempts(
+    order: Sequence[DamperModel],
+    fitted: Sequence[Measurement],
+    method: Method,
+    on_progress: Callable[[str], None] | None,
+    workers: Workers,
+) -> list[_Attempt]:
+    """All models fitted, each search held against the earlier models whose error is known by then."""
+    if len(order) == 1:
+        workers = HERE  # a search may use them for its populations
+    report, clock = on_progress or (lambda line: None), TimeLeft(len(order))
+    known: dict[int, _Attempt] = {}
+    shared = workers.share(list(fitted))
+    sent = method if workers is HERE else method.without_executor
+
+    def jobs() -> Iterator[Job[_Attempt]]:
+        for number, model in enumerate(order):
+            if workers is HERE:
+                report(f"fitting {model.name} ({number + 1} of {len(order)})")
+            yield Job(model.name, _attempt, (model, shared, sent, _rival_N(order, known)))
+
+    places = {model.name: number for number, model in enumerate(order)}
+    for job, attempt in workers.results(jobs()):
+        known[places[job.name]] = attempt
+        if workers is not HERE:
+            report(f"fitted {job.name} ({clock.text(len(known))})")
+    return [known[number] for number in range(len(order))]
+
+
+def _rival_N(order: Sequence[DamperModel], known: Mapping[int, _Attempt]) -> float:
+    """Least error of the first models, as far as all of them are known; infinite without one."""
+    rival_N = math.inf
+    for number, model in enumerate(order):
+        if number not in known:
+            break
+        attempt = known[number]
+        if attempt.reached is None or attempt.reached.hopeless(model.name, rival_N) is None:
+            rival_N = min(rival_N, attempt.rmse_N)
+    return rival_N
+
+
 def compare(
-    candidates: Sequence[Candidate], fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method
+    candidates: Sequence[Candidate],
+    fitted: Sequence[Measurement],
+    held_out: Sequence[Measurement],
+    method: Method,
+    workers: Workers = HERE,
 ) -> tuple[tuple[ModelScore, ...], Candidate]:
     """Rank the candidates, best first, and name the recommended one.
 
@@ -84,7 +163,13 @@ def compare(
         models = [candidate.model for candidate in candidates]
         fitted = [_away_from_jumps(test, models) for test in fitted]
         held_out = [_away_from_jumps(test, models) for test in held_out]
-    scores = [_score(candidate, fitted, held_out, method, alone=len(candidates) == 1) for candidate in candidates]
+    alone = len(candidates) == 1
+    workers = HERE if alone else workers
+    tests, unseen = workers.share(list(fitted)), workers.share(list(held_out))
+    sent = method if workers is HERE else method.without_executor
+    scores = workers.in_order(
+        Job(candidate.model.name, _score, (candidate, tests, unseen, sent, alone)) for candidate in candidates
+    )
     places = _ordered(scores, math.inf if held_out else _scatter_N(fitted), within=not held_out)
     return tuple(scores[place] for place in places), candidates[places[0]]
 
@@ -139,8 +224,9 @@ def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measur
 
 
 def _score(
-    candidate: Candidate, fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method, *, alone: bool
+    candidate: Candidate, fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method, alone: bool
 ) -> ModelScore:
+    """In a worker: what ranks a candidate; without held-out tests and `alone` nothing is predicted."""
     model, values = candidate.model, candidate.solution.values
     error = score(model, values, fitted)
     if held_out:
@@ -213,7 +299,7 @@ def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measur
 
 
 def weighted_by_misfit(
-    candidates: Sequence[Candidate], fitted: Sequence[Measurement], method: Method
+    candidates: Sequence[Candidate], fitted: Sequence[Measurement], method: Method, workers: Workers = HERE
 ) -> tuple[list[Candidate], Method, float]:
     """The candidates fitted again with relative weights, where even the best one leaves misfit and not noise.
 
@@ -221,6 +307,7 @@ def weighted_by_misfit(
         candidates: models with their solutions.
         fitted: the tests.
         method: how they were fitted; a weight that was asked for stays.
+        workers: fit the candidates again.
 
     Returns:
         The candidates and the method, as they were or with relative weights, and the misfit over the scatter.
@@ -229,9 +316,17 @@ def weighted_by_misfit(
     ratio = math.nan if applies or len(fitted) < 2 else misfit_over_scatter(candidates, fitted)
     if not MISFIT < ratio < math.inf:
         return list(candidates), method, ratio
-    weighted, again = replace(method, weight=RELATIVE), []
-    for candidate in candidates:
-        solution = solve(candidate.model, fitted, weighted, candidate.findings, candidate.solution.values)
-        evaluations = candidate.solution.evaluations + solution.evaluations
-        again.append(replace(candidate, solution=replace(solution, evaluations=evaluations)))
+    weighted = replace(method, weight=RELATIVE)
+    workers = HERE if len(candidates) == 1 else workers
+    shared, sent = workers.share(list(fitted)), weighted if workers is HERE else weighted.without_executor
+    again = workers.in_order(
+        Job(candidate.model.name, _fitted_again, (candidate, shared, sent)) for candidate in candidates
+    )
     return again, weighted, ratio
+
+
+def _fitted_again(candidate: Candidate, fitted: Sequence[Measurement], method: Method) -> Candidate:
+    """In a worker: a candidate fitted by another method, from where it is."""
+    solution = solve(candidate.model, fitted, method, candidate.findings, candidate.solution.values)
+    evaluations = candidate.solution.evaluations + solution.evaluations
+    return replace(candidate, solution=replace(solution, evaluations=evaluations))

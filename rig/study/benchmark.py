@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -31,10 +29,13 @@ from rig.identification.models.solving import THREE_STEPS, known_methods, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.reference import references
 from rig.identification.uncertainty.scoring import score, with_extrapolations
+from rig.jobs.choice import workers_for
+from rig.jobs.time_left import TimeLeft
+from rig.jobs.workers import Job
 from rig.plugins import DAMPER_MODELS, METHODS
 from rig.plugins import found as plug_ins
 from rig.study.benchmark_file import SEPARABLE, BenchmarkFile, load_benchmark
-from rig.study.execution import StudyProgress, local_workers
+from rig.study.execution import StudyProgress
 from rig.study.open_recordings import Fold, Found, find_all, folds_of, variance_percent
 from rig.study.outputs import Table, write_outputs
 from rig.study.provenance import SOFTWARE, provenance
@@ -78,19 +79,25 @@ class BenchmarkOutcome:
 
 
 def run_benchmark(
-    path: Path, folder: Path, processes: int | None = None, report: Callable[[StudyProgress], None] | None = None
+    path: Path,
+    folder: Path,
+    processes: int | None = None,
+    report: Callable[[StudyProgress], None] | None = None,
+    scheduler: str | None = None,
 ) -> BenchmarkOutcome:
     """Run a benchmark, or what is missing of it, and write its table and page.
 
     Args:
         path: benchmark file.
         folder: where results go; entries that have a result there are not run again.
-        processes: worker processes; None: one for each processor.
+        processes: worker processes; None: one for each processor, 1: the entries are fitted in this process.
         report: called at the start and after every entry.
+        scheduler: address of a Dask scheduler whose workers fit instead; they read the recordings under the same path.
 
     Raises:
         FileProblem: the file is wrong, no recordings are complete (their sources are named), or the folder holds
             results of another benchmark.
+        RigError: the scheduler or its workers cannot be used.
     """
     started_ns = time.monotonic_ns()
     benchmark = load_benchmark(path)
@@ -102,10 +109,12 @@ def run_benchmark(
         todo = [entry for entry in entries if _key(*entry) not in results]
         done = len(entries) - len(todo)
         report_progress(StudyProgress(done, len(entries), None, "", "fits"))
-        for line in _lines(benchmark, todo, processes or os.cpu_count() or 1):
+        clock = TimeLeft(len(todo))
+        for line in _lines(benchmark, todo, scheduler, processes):
             results.add(line)
             done += 1
-            report_progress(StudyProgress(done, len(entries), None, str(line["key"]), "fits"))
+            left_s = clock.after(done - len(entries) + len(todo))
+            report_progress(StudyProgress(done, len(entries), left_s, str(line["key"]), "fits"))
         lines = [results.lines[_key(*entry)] for entry in entries]
     table = benchmark_table(sets, lines)
     missing = [one.missing_message for one in sets if not one.complete]
@@ -123,16 +132,16 @@ def run_benchmark(
 
 
 def _lines(
-    benchmark: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], processes: int
+    benchmark: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], scheduler: str | None, processes: int | None
 ) -> Iterator[dict[str, Any]]:
-    """Results as they come; with one process in this one."""
-    if processes == 1:
-        for entry in todo:
-            yield run_entry(benchmark, *entry)
+    """Results as they come."""
+    if not todo:
         return
-    with local_workers(processes) as workers:
-        for future in as_completed([workers.executor.submit(run_entry, benchmark, *entry) for entry in todo]):
-            yield future.result()
+    files = {one.folder / name for one, _, _ in todo for name in one.recordings.files}
+    with workers_for(scheduler, processes) as workers:
+        workers.check_files(sorted(files))
+        for _, line in workers.results(Job(_key(*entry), run_entry, (benchmark, *entry)) for entry in todo):
+            yield line
 
 
 def competitors(benchmark: BenchmarkFile) -> list[tuple[str, str]]:

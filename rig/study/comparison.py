@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.identification.cluster import cluster
-from rig.study.execution import StudyProgress, Workers, local_workers, run_cells
+from rig.jobs.choice import workers_for
+from rig.study.execution import StudyProgress, run_cells
 from rig.study.figures import figures
 from rig.study.findings import findings
 from rig.study.outputs import Table, write_outputs
@@ -66,7 +64,7 @@ def run_study(
     Args:
         path: Study file.
         folder: Where results and outputs go; results of an earlier session of the same study are kept and completed.
-        processes: Worker processes; None: one for each processor.
+        processes: Worker processes; None: one for each processor, 1: the searches run in this process.
         report: Called at the start and after every search.
         scheduler: Address of a Dask scheduler whose workers search instead of processes here.
 
@@ -84,9 +82,10 @@ def run_study(
     folder.mkdir(parents=True, exist_ok=True)
     cells = all_cells(study)
     with ResultsFile(folder / "results.jsonl", bench.fingerprint) as results:
-        with _workers(processes, scheduler) as workers:
-            run_cells(study, cells, results, workers, report)
         total = len(searches(cells, ()))
+        if searches(cells, results.lines):
+            with workers_for(scheduler, processes) as workers:
+                run_cells(bench, cells, results, workers, report)
         report_progress = report or (lambda progress: None)
         if study.parallel is not None:
             report_progress(StudyProgress(total, total, None, "", "timing serial and parallel computation"))
@@ -111,16 +110,6 @@ def run_study(
     facts["wall_s"] = round((time.monotonic_ns() - started_ns) * 1e-9, 1)
     page = write_outputs(folder, study.name, tables, drawn, tests, facts)
     return StudyOutcome(folder, page, tuple(tables), tests, facts)
-
-
-@contextmanager
-def _workers(processes: int | None, scheduler: str | None) -> Iterator[Workers]:
-    if scheduler is None:
-        with local_workers(processes or os.cpu_count() or 1) as workers:
-            yield workers
-        return
-    with cluster(scheduler) as (executor, count):
-        yield Workers(executor, count)
 
 
 def study_minima(study: StudyFile, bench: Workbench) -> dict[str, float]:

@@ -1,105 +1,30 @@
-"""Runs what is missing of a study, on processes here or a Dask scheduler's workers; each holds the recordings once."""
+"""Runs what is missing of a study; each worker process receives the recordings once."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from multiprocessing import connection, get_context, parent_process
-from multiprocessing.synchronize import Event
 from typing import Any
 
-from rig.errors import RigError
+from rig.jobs.cluster import abandoned
+from rig.jobs.workers import Job, Workers
 from rig.study.results import ResultsFile
 from rig.study.search_cell import SearchCell, searches
-from rig.study.study_file import StudyFile
 from rig.study.workbench import Workbench
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Where searches run.
-
-    Attributes:
-        executor: Takes `run_search`.
-        count: Searches that run at the same time.
-    """
-
-    executor: Executor
-    count: int
-
-
-@contextmanager
-def local_workers(count: int) -> Iterator[Workers]:
-    """Processes on this machine while the block runs; those still searching at its end give up.
-
-    Args:
-        count: How many.
-
-    Yields:
-        The workers.
-    """
-    context = get_context("spawn")
-    stop = context.Event()
-    pool = ProcessPoolExecutor(count, context, initializer=_follow, initargs=(stop,))
-    try:
-        yield Workers(pool, count)
-    finally:
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-_stop: Event | None = None
-_benches: dict[str, Workbench] = {}
-
-
-def run_search(study: StudyFile, fingerprint: str, cell: SearchCell) -> dict[str, Any]:
+def run_search(bench: Workbench, cell: SearchCell) -> dict[str, Any]:
     """In a worker: run one search.
 
     Args:
-        study: The study; its recordings are loaded once a worker.
-        fingerprint: Of the study and its recordings where it was started.
+        bench: The study with its recordings.
         cell: The search.
 
     Returns:
         A line of the results file.
-
-    Raises:
-        RigError: This worker sees other recordings than those the study was started with.
     """
-    if fingerprint not in _benches:
-        bench = Workbench(study)
-        if bench.fingerprint != fingerprint:
-            raise RigError(
-                f"recordings or software of this worker differ: got fingerprint {bench.fingerprint}, expected "
-                f"{fingerprint}. Fix: install the same version on all workers, with the same files in the same folders"
-            )
-        _benches.clear()
-        _benches[fingerprint] = bench
-    return _benches[fingerprint].run(cell, lambda progress: _stop is not None and _stop.is_set())
-
-
-def _follow(stop: Event) -> None:
-    """In a process of this machine: give up when told so, leave Ctrl-C to the parent and do not outlive it."""
-    global _stop
-    _stop = stop
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-
-QUEUED_PER_WORKER = 2
+    return bench.run(cell, lambda progress: abandoned())
 
 
 @dataclass(frozen=True)
@@ -122,7 +47,7 @@ class StudyProgress:
 
 
 def run_cells(
-    study: StudyFile,
+    bench: Workbench,
     cells: list[SearchCell],
     results: ResultsFile,
     workers: Workers,
@@ -131,7 +56,7 @@ def run_cells(
     """Run the searches of every cell that has no result yet.
 
     Args:
-        study: The study.
+        bench: The study with its recordings.
         cells: All its cells.
         results: Where results are, and go as they come.
         workers: Who searches.
@@ -139,27 +64,19 @@ def run_cells(
 
     Raises:
         KeyboardInterrupt: Passed on; finished searches are kept.
+        RigError: The workers cannot be used any more; finished searches are kept.
     """
     todo = searches(cells, results.lines)
-    total = len(searches(cells, ()))
+    total = done = len(searches(cells, ()))
+    done -= len(todo)
     report_progress = report or (lambda progress: None)
-    report_progress(StudyProgress(total - len(todo), total, None, ""))
+    report_progress(StudyProgress(done, total, None, ""))
     clock = _Clock(todo, workers.count)
-    waiting = list(reversed(todo))
-    running: set[Future[dict[str, Any]]] = set()
-    try:
-        while waiting or running:
-            while waiting and len(running) < QUEUED_PER_WORKER * workers.count:
-                running.add(workers.executor.submit(run_search, study, results.fingerprint, waiting.pop()))
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in finished:
-                line = future.result()
-                results.add(line)
-                left_s = clock.finished(line)
-                report_progress(StudyProgress(total - len(waiting) - len(running), total, left_s, str(line["key"])))
-    finally:
-        for future in running:
-            future.cancel()
+    shared = workers.share(bench)
+    for _, line in workers.results(Job(cell.key, run_search, (shared, cell)) for cell in todo):
+        results.add(line)
+        done += 1
+        report_progress(StudyProgress(done, total, clock.finished(line), str(line["key"])))
 
 
 class _Clock:

@@ -110,8 +110,10 @@ def folds_of(found: Found) -> list[Fold]:
     if share is not None:
         folds = [Fold(*cut_in_time(tests, share))]
     else:
-        folds = [Fold([test for other in groups if other is not group for test in other], group)
-                 for groups in ([group for _, group in pairs_of(tests)],) for group in groups]  # fmt: skip
+        groups = [[tests[number] for number in numbers] for _, numbers in pairs_of(tests)]
+        folds = [
+            Fold([test for other in groups if other is not group for test in other], group) for group in groups
+        ]
     return [_lagged(fold) for fold in folds]
 
 

@@ -12,9 +12,10 @@ import click
 
 from rig.cli.junit import junit_option, junit_report, take_scenario
 from rig.cli.main import answered
-from rig.cli.options import Command, json_option
+from rig.cli.options import Command, json_option, scheduler_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
+from rig.jobs.workers import WorkersFailed
 
 if TYPE_CHECKING:
     from rig.cli.junit import JUnitReport
@@ -49,6 +50,7 @@ FILE = click.Path(path_type=Path)
 @click.option("--shrink", is_flag=True, help="Reduce each failing scenario to the smallest one that still fails.")
 @click.option("--jobs", type=click.IntRange(1, 1024), default=os.cpu_count() or 1, show_default=True,
               help="Number of parallel processes.")
+@scheduler_option
 @junit_option
 @json_option
 def command(
@@ -84,6 +86,8 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
     """
     if ways["trace"] is not None and len(seeds) > 1:
         raise click.UsageError(f"--trace accepts only one scenario. Fix: --seeds {seeds[0]}")
+    if ways["trace"] is not None and ways["scheduler"] is not None:
+        raise click.UsageError("--trace writes a file on this computer. Fix: omit --scheduler")
     if ways["shrink"] and (ways["until"] is not None or ways["trace"] is not None):
         raise click.UsageError("--shrink requires a complete scenario and cannot be combined with --until or --trace")
 
@@ -107,6 +111,7 @@ def _run(
 
     Raises:
         KeyboardInterrupt: Ctrl-C; what was done is told.
+        WorkersFailed: likewise, with the seeds that are left.
     """
     # loads numba and numpy: not needed for the help
     from simulators.scenarios.output import ProgressOutput
@@ -119,7 +124,7 @@ def _run(
     try:
         with telling:
             run = (
-                every(seeds, request, ways["jobs"])
+                every(seeds, request, ways["jobs"], ways["scheduler"])
                 if trace is None
                 else [in_a_worker(traced, seeds[0], request, trace)]
             )
@@ -128,8 +133,10 @@ def _run(
                 take_scenario(report, scenario.seed, scenario.failed, request.again(scenario.seed), scenario.wall_s)
         for seed in telling.failed_seeds if ways["shrink"] else ():
             in_a_worker(show_smallest, seed, request)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, WorkersFailed) as stop:
         shown.print(telling.summary(), soft_wrap=True)
+        if isinstance(stop, WorkersFailed) and (unfinished := telling.unfinished(seeds)):
+            raise WorkersFailed(f"{stop}\nnot finished: seeds {unfinished}") from stop
         raise
     if as_json:
         write_json(telling.answer())

@@ -392,7 +392,7 @@ class Installed:
     def __enter__(self) -> Installed:
         for module_name, module in list(real_sys.modules.items()):
             place = module_name.partition(".")[0]
-            if module is None or module_name.startswith("simulators.scenarios"):
+            if module is None or module_name.startswith(("simulators.scenarios", "rig.jobs")):
                 continue
             if place not in {*PLACES, *plugins.driver_packages()} and module_name not in ALSO:
                 continue

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from rig.cli.tables import duration
 from rig.document import words as severity
 from rig.document.terminal import STYLES
+from rig.jobs.time_left import duration
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -74,6 +75,14 @@ class ProgressOutput:
     def failed_seeds(self) -> list[int]:
         """Seeds of the worlds in which something did not hold, ascending."""
         return sorted({entry["seed"] for entry in self.failed})
+
+    def unfinished(self, seeds: range) -> str:
+        """Seeds without a result, as values of `--seeds`; empty if there are none."""
+        left = [seed for seed in seeds if seed not in self.digests]
+        groups = [
+            [seed for _, seed in group] for _, group in groupby(enumerate(left), lambda pair: pair[1] - pair[0])
+        ]
+        return ", ".join(f"{group[0]}:{group[-1] + 1}" if len(group) > 1 else str(group[0]) for group in groups)
 
     def ended(self, scenario: Ended) -> None:
         """Count a world, tell what did not hold in it, and how far it is."""

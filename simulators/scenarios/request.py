@@ -6,6 +6,7 @@ import math
 import re
 import shlex
 import tempfile
+import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from rig.bench.model import Bench
 from rig.campaign.setup import accepted
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix, load_files, load_matrix
-from rig.matrix.named_files import with_whole_names
+from rig.matrix.named_files import named, with_whole_names
 from rig.text_file import read_text
 from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
@@ -78,6 +79,12 @@ class ScenarioRequest:
     until_s: float | None = None
     options: tuple[str, ...] = ()
     substitutes: tuple[str, ...] = ()
+
+    @property
+    def named_files(self) -> tuple[Path, ...]:
+        """Files that the user's matrix names, which every world reads."""
+        names = named(tomllib.loads(self.given.matrix)).values()
+        return tuple(Path(name) for several in names for name in several)
 
     def plan(self, seed: int) -> ScenarioPlan:
         """The world of a seed, with what was asked for in place of what is drawn."""

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import contextlib
+import functools
 import gc
-import multiprocessing
 import os
 import shutil
 import signal
 import tempfile
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from itertools import islice
-from multiprocessing import connection
 from pathlib import Path
 from typing import TypeVar
 
-from rig.errors import RigError
+from rig.jobs.cluster import cluster
+from rig.jobs.local import LocalWorkers, follow_parent, local_workers
+from rig.jobs.workers import Job
 from simulators.scenarios.invariants import violations
 from simulators.scenarios.plan import ScenarioPlan
 from simulators.scenarios.request import ScenarioRequest
@@ -31,14 +27,10 @@ from simulators.scenarios.stage import load_everything
 
 SCENARIOS_PER_WORKER = 100
 """A worker begins anew after so many: what killed processes held is given back with it."""
-AHEAD = 4
-"""So many worlds wait for each worker."""
 ROOM = 256 << 20
 """A worker's worlds take no more than that (bytes)."""
 SELDOM = 50_000
 """A world makes much and keeps it: the garbage collector looks after so many objects."""
-LEAVES_S = 3.0
-"""A process that is asked to end takes no longer."""
 
 T = TypeVar("T")
 _under_way: list[str] = []
@@ -98,6 +90,12 @@ def one(seed: int, request: ScenarioRequest) -> Ended:
     return alone(request.plan(seed), request.until_s)
 
 
+def one_in_worker(seed: int, request: ScenarioRequest) -> Ended:
+    """Run the world of a seed in a process that may be no worker of this program."""
+    load_worker()
+    return one(seed, request)
+
+
 def alone(
     plan: ScenarioPlan, until_s: float | None = None, begin: Callable[[Scenario], None] | None = None,
     most_sessions: int = MOST_SESSIONS,
@@ -125,21 +123,18 @@ def memory() -> str | None:
 
 def begin_worker() -> None:
     """What a process does before its first world; an interrupt is its parent's business, whom it does not outlive."""
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, _leave)
-    if (parent := multiprocessing.parent_process()) is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    signal.signal(signal.SIGTERM, _leave)
+    follow_parent(_leave)
+    load_worker()
+
+
+@functools.cache
+def load_worker() -> None:
+    """Load what every world needs, and leave it out of what is looked through for garbage."""
     load_everything()
     gc.collect()
     gc.freeze()
     gc.set_threshold(SELDOM, 20, 100)
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent has ended, however that did."""
-    connection.wait([parent])
-    _leave()
 
 
 def _leave(*_: object) -> None:
@@ -151,64 +146,31 @@ def _leave(*_: object) -> None:
     os._exit(1)
 
 
-def every(seeds: range, request: ScenarioRequest, jobs: int) -> Iterator[Ended]:
-    """The worlds of these seeds as they end, in so many processes.
+def every(seeds: range, request: ScenarioRequest, jobs: int, scheduler: str | None = None) -> Iterator[Ended]:
+    """The worlds of these seeds as they end, in so many processes, or on the workers of a Dask scheduler.
 
     Raises:
-        RigError: a process was ended from outside.
+        WorkersFailed: processes or workers kept ending, or the scheduler is gone.
+        RigError: the scheduler or its workers cannot be used.
     """
-    waiting, under_way = iter(seeds), set[Future[Ended]]()
-    with _pool(min(jobs, len(seeds))) as pool:
-        while True:
-            free = AHEAD * jobs - len(under_way)
-            under_way |= {pool.submit(one, seed, request) for seed in islice(waiting, free)}
-            if not under_way:
-                break
-            done, under_way = concurrent.futures.wait(
-                under_way, return_when=concurrent.futures.FIRST_COMPLETED
-            )
-            yield from sorted((future.result() for future in done), key=lambda ended: ended.seed)
+    with cluster(scheduler) if scheduler is not None else _processes(min(jobs, len(seeds))) as workers:
+        workers.check_files(request.named_files)
+        shared = workers.share(request)
+        for _, ended in workers.results(Job(f"scenario {seed}", one_in_worker, (seed, shared)) for seed in seeds):
+            yield ended
 
 
 def in_a_worker(do: Callable[..., T], *arguments: object) -> T:
     """Do something with worlds in a process of its own, so that an interrupt ends it and not a part of a world.
 
     Raises:
-        RigError: the process was ended from outside.
+        WorkersFailed: the process was ended from outside, again and again.
     """
-    with _pool(1) as pool:
-        return pool.submit(do, *arguments).result()
+    with _processes(1) as workers:
+        return workers.in_order([Job("scenario", do, arguments)])[0]
 
 
-@contextlib.contextmanager
-def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes for worlds; whatever ends this one's work ends them.
-
-    Raises:
-        RigError: one was ended from outside.
-    """
+def _processes(count: int) -> contextlib.AbstractContextManager[LocalWorkers]:
+    """Processes for worlds."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
-    pool = ProcessPoolExecutor(
-        processes, mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker,
-        max_tasks_per_child=SCENARIOS_PER_WORKER,
-    )  # fmt: skip
-    try:
-        yield pool
-    except BrokenProcessPool as error:
-        raise RigError("a worker process was killed (out of memory?). Fix: use fewer --jobs") from error
-    except BaseException:
-        _end(pool)
-        raise
-    pool.shutdown()
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    """End a pool now, whatever its processes do; each takes its world's folder with it if it still can."""
-    workers = list(multiprocessing.active_children())
-    pool.shutdown(wait=False, cancel_futures=True)
-    for worker in workers:
-        worker.terminate()
-    until_s = time.monotonic() + LEAVES_S
-    for worker in workers:
-        worker.join(max(0.0, until_s - time.monotonic()))
-        worker.kill()
+    return local_workers(count, begin_worker, SCENARIOS_PER_WORKER)

@@ -26,6 +26,7 @@ from rig.identification.models.inner_least_squares import Inner
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.tanh_projection import TanhProjection
+from rig.identification.remarks import Remark, say
 from rig.optimisers.least_squares import Descent, Squares, descend
 
 THINNED_SAMPLES = 2500
@@ -39,12 +40,48 @@ LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its log
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
+HOPELESS = 2.0  # times a rival's root mean square error, after the starts' descents; starts say nothing
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
+@dataclass(frozen=True)
+class Reached:
+    """What a search had reached when it was compared with another model's error.
+
+    Attributes:
+        rmse_N: root mean square error on one cycle of each test (N).
+        evaluations: spent until then, on one cycle of each test.
+    """
+
+    rmse_N: float
+    evaluations: int
+
+    def hopeless(self, model: str, rival_N: float) -> Remark | None:
+        """Why the search is given up; None where it is not.
+
+        Args:
+            model: name of the searched model.
+            rival_N: root mean square error of the best other model on the same tests (N).
+        """
+        if self.rmse_N <= HOPELESS * rival_N:
+            return None
+        return say(
+            "given-up", model=model, evaluations=self.evaluations, reached_N=self.rmse_N,
+            times=self.rmse_N / rival_N, rival_N=rival_N,
+        )  # fmt: skip
+
+
 class SearchAbandoned(IdentificationFailed):
-    """A model was not fitted to the end, because another one describes the tests far better already."""
+    """A model was not fitted to the end, because another one describes the tests far better already.
+
+    Attributes:
+        reached: what its search had reached.
+    """
+
+    def __init__(self, reason: str, reached: Reached) -> None:
+        super().__init__(reason)
+        self.reached = reached
 
 
 @dataclass(frozen=True)
@@ -58,6 +95,7 @@ class Solution:
         at_bound: names of parameters that would be negative and are held at 0.
         at_limit: names of parameters at which the search ended at a limit, and that limit in the parameter's unit.
         extra: square roots of the weights that a robust loss ended with, one array (n,) a test; None without.
+        reached: what the search had reached when it was compared with a rival; None where it was not compared.
     """
 
     values: dict[str, float]
@@ -66,6 +104,7 @@ class Solution:
     at_bound: tuple[str, ...] = ()
     at_limit: Mapping[str, float] = field(default_factory=dict)
     extra: tuple[FloatArray, ...] | None = None
+    reached: Reached | None = None
 
 
 def motion_scale(measurements: Sequence[Measurement]) -> MotionScale:

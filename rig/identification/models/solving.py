@@ -97,6 +97,11 @@ class Method:
                 f"'relative' is available only for {SEPARABLE}"
             )
 
+    @property
+    def without_executor(self) -> Method:
+        """The same method in one process, as a job for a worker."""
+        return replace(self, executor=None, chunks=None, callback=None)
+
     def weighting(self, model: DamperModel) -> Weighting:
         """Which samples count for a model, and how much; those at its jumps do not."""
         weight = cast("Weight", self.weight or ("1" if self.name in {SEPARABLE, THREE_STEPS} else "v"))

@@ -25,6 +25,7 @@ from rig.identification.models.measurement import Measurement, first_cycle, spac
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import (
     SEARCHED,
+    Reached,
     SearchAbandoned,
     Solution,
     motion_scale,
@@ -32,7 +33,6 @@ from rig.identification.models.separable import (
     solve_separable,
 )
 from rig.identification.models.undetermined import examine
-from rig.identification.remarks import say
 from rig.optimisers.least_squares import Descent, Squares, descend, normal_equations
 
 DIFFERENCE = 1e-4
@@ -41,7 +41,6 @@ TOLERANCE, ROUGH = 1e-7, 1e-5  # share of the objective that a step must promise
 MOST_EVALUATIONS = 700  # of the search, on its few samples
 NEARLY = 1e-3  # the same from a fit to nearly the same tests, where the model misses far more than the noise
 FAR_OFF = 25.0  # times the sum of squares of the best start, beyond which a start is not followed
-HOPELESS = 2.0  # times a rival's root mean square error, after the starts' descents; starts say nothing
 LONGEST_LOGARITHM = 1.0
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 FLOOR = 1e-12  # of the largest curvature, below which an unknown counts as without effect
@@ -184,7 +183,9 @@ def solve_states(
     rough = NEARLY if start is not None and nearest > DESCRIBED * short.noise_power else ROUGH
     tried = [short.minimise(theta, first, rough, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda minimum: minimum[1])
-    _refuse_hopeless(model, short, best[1], rival_N)
+    reached = Reached(math.sqrt(best[1] / max(1, short.counting)), short.evaluations)
+    if (reason := reached.hopeless(model.name, rival_N)) is not None:
+        raise SearchAbandoned(reason, reached)
     theta, left = best if len(thetas) == 1 else short.minimise(best[0], ITERATIONS, ROUGH)
     natural = unknowns.values(theta)
     bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
@@ -198,23 +199,7 @@ def solve_states(
     theta, objective = full.minimise(theta, finish) if finish else (theta, full.value(theta))
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
     known = {name: value for name, value in unknowns.values(theta).items() if name != "eta"}
-    return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta))
-
-
-def _refuse_hopeless(model: DamperModel, squares: StateSquares, left: float, rival_N: float) -> None:
-    """Gives up a search that has reached so large a sum of squares.
-
-    Raises:
-        SearchAbandoned: its error is so many times that of a rival.
-    """
-    reached_N = math.sqrt(left / max(1, squares.counting))
-    if reached_N > HOPELESS * rival_N:
-        raise SearchAbandoned(
-            say(
-                "given-up", model=model.name, evaluations=squares.evaluations, reached_N=reached_N,
-                times=reached_N / rival_N, rival_N=rival_N,
-            )
-        )  # fmt: skip
+    return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta), reached=reached)
 
 
 def _held_at_zero(

@@ -21,7 +21,6 @@ from rig.cli.force_tables import force_blocks
 from rig.cli.job import JobResult
 from rig.cli.output import show
 from rig.cli.run import show_result
-from rig.cli.tables import duration
 from rig.display import Display
 from rig.fits.entries import ErrorSummary, Estimate, Evaluation, ModelScore, SolverReport, TestError
 from rig.fits.fit_record import FitRecord
@@ -100,14 +99,6 @@ def test_the_live_display_fits_eighty_columns_with_every_word_whole() -> None:
     assert "\N{HORIZONTAL ELLIPSIS}" not in text.getvalue()
     for expected in ("0/2 points, 12 h 13 min left", "3/7 cycles, sine 30 mm 2 Hz 1.5 A", "coil", "-123.4 mm"):
         assert any(expected in line for line in lines), expected
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(4.5, "4.5 s"), (83.0, "83 s"), (200.0, "3 min 20 s"), (3599.7, "1 h 0 min"), (4320.0, "1 h 12 min")],
-)
-def test_durations_read_as_people_say_them(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,10 @@ from rich.console import Console
 
 from rig.bench.model import Bench
 from rig.cli.main import main
-from rig.cli.tables import PlanText, duration, energy
+from rig.cli.tables import PlanText, energy
 from rig.display import Display
 from rig.errors import EXIT_DONE, EXIT_REFUSED
+from rig.jobs.time_left import duration
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
 

@@ -1,0 +1,37 @@
+"""The workers that a command was asked for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rig.jobs.cluster import cluster
+from rig.jobs.local import local_workers
+from rig.jobs.workers import HERE, Workers
+
+
+@contextmanager
+def workers_for(scheduler: str | None, processes: int | None = None) -> Iterator[Workers]:
+    """Workers while the block runs.
+
+    Args:
+        scheduler: address of a Dask scheduler; None: this machine.
+        processes: of this machine; None: one for each processor. With 1 the jobs run in this process.
+
+    Yields:
+        The workers.
+
+    Raises:
+        RigError: the scheduler or its workers cannot be used.
+    """
+    if scheduler is not None:
+        with cluster(scheduler) as remote:
+            yield remote
+        return
+    count = processes or os.cpu_count() or 1
+    if count == 1:
+        yield HERE
+        return
+    with local_workers(count) as local:
+        yield local

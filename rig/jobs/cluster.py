@@ -1,0 +1,342 @@
+"""Workers of a Dask scheduler.
+
+The scheduler and its workers execute the code that they are sent: anyone who reaches the scheduler's port controls them.
+Dask's own settings protect it (`tls://` with certificates in `distributed.comm.tls`), and are used as they are.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import logging
+import os
+import pickle
+import platform
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Executor
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from drivers.plugins import DAMPER_MODELS, METHODS, found
+from rig.errors import FileProblem, RigError
+from rig.extras import how_to_install
+from rig.jobs.workers import (
+    Answer,
+    Job,
+    Missing,
+    RemoteWorkers,
+    Shared,
+    WorkersFailed,
+    answered,
+    forget,
+    given_up,
+    keep,
+)
+from rig.version import described
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+T = TypeVar("T")
+ANSWER_WITHIN_S = 10.0
+NO_WORKERS_S = 60.0
+"""Without any worker for so long, the work ends."""
+COUNTED_EVERY_S = 2.0
+END_BYTES = 65_536
+"""Of a file's beginning and end, by which its content is compared."""
+LIBRARIES = ("numpy", "scipy", "numba")
+_turn = threading.Lock()
+"""Jobs of one worker process run one after another, whatever its number of threads: they are not thread-safe."""
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Cluster]:
+    """Connect to a scheduler while the block runs.
+
+    Args:
+        address: of the scheduler, such as `tcp://10.0.0.5:8786` or `tls://10.0.0.5:8786`, or the scheduler file that
+            `dask scheduler --scheduler-file` writes.
+
+    Yields:
+        Its workers.
+
+    Raises:
+        RigError: Dask is not installed, no scheduler answers at the address, it has no workers, or a worker has another
+            version of this software or of its libraries.
+        WorkersFailed: the connection was lost, no worker was left, or workers kept ending during one job.
+    """
+    try:
+        from distributed import Client, KilledWorker
+        from distributed.comm import CommClosedError
+    except ImportError as error:
+        raise RigError(f"--scheduler needs Dask: {how_to_install('cluster')}") from error
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] in {"distributed", "tornado"}:
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what they log is reported as an error below
+    file = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    try:
+        client = Client(**file, timeout=ANSWER_WITHIN_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        reason = str(error) or "no connection"
+        raise RigError(
+            f"Dask scheduler {address}: no answer within {ANSWER_WITHIN_S:g} s: {reason}. Fix: start it with "
+            "`dask scheduler`, and check the address, the firewall and (for tls://) the certificates in Dask's "
+            "settings distributed.comm.tls"
+        ) from error
+    try:
+        workers = Cluster(client, address)
+        workers.check_software()
+        yield workers
+        workers.forget()
+    except KilledWorker as error:
+        raise WorkersFailed(given_up(str(error.task).partition(KEY)[0])) from error
+    except (CancelledError, CommClosedError) as error:
+        raise WorkersFailed(f"Dask scheduler {address}: connection lost. Fix: check that it is running") from error
+    finally:
+        with suppress(Exception):  # a scheduler that is gone need not take leave
+            client.close(timeout=2.0 if client.status == "running" else 0.1)
+
+
+KEY = "#"
+"""Between a job's name and what makes the name of its task unique."""
+
+
+class Cluster(RemoteWorkers):
+    """Worker processes of a Dask scheduler, each of which runs one job at a time; workers may come and go.
+
+    Attributes:
+        address: of the scheduler.
+    """
+
+    def __init__(self, client: Client, address: str) -> None:
+        self.address = address
+        self.executor: Executor = client.get_executor(pure=False)
+        self._client = client
+        self._software = _software()
+        self._count = 1
+        self._counted_s = -COUNTED_EVERY_S
+        self._alone_since_s: float | None = None
+        self._payloads: dict[str, bytes] = {}
+
+    @property
+    def count(self) -> int:
+        """Worker processes that are connected; at least 1."""
+        now_s = time.monotonic()
+        if now_s - self._counted_s >= COUNTED_EVERY_S:
+            self._counted_s = now_s
+            self._count = max(1, len(self._nthreads()))
+        return self._count
+
+    def share(self, value: T) -> T:
+        """See `Workers.share`. Workers that come later, or have forgotten it, receive it with their first job.
+
+        No dependency of tasks: Dask runs a task where its dependencies are, that is, all tasks on one worker.
+        """
+        shared = Shared(uuid.uuid4().hex)
+        self._payloads[shared.token] = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+        self._send(shared.token)
+        return cast("T", shared)  # what jobs are given in its place
+
+    def forget(self) -> None:
+        """Let the workers give up all shared values."""
+        self._client.run(forget, list(self._payloads), on_error="ignore")
+
+    def _supply(self, missing: Missing) -> None:
+        self._send(missing.token, [missing.worker])
+
+    def _send(self, token: str, workers: list[str] | None = None) -> None:
+        """Send a shared value; a worker that ends meanwhile is replaced by another one, which asks for it."""
+        with suppress(OSError):
+            self._client.run(keep, token, self._payloads[token], workers=workers, on_error="ignore")
+
+    def check_software(self, expected: Mapping[str, str] | None = None) -> None:
+        """Check that every worker and the scheduler run the same version of the software and of its libraries.
+
+        Args:
+            expected: versions by name; None: those of this computer.
+
+        Raises:
+            RigError: there is no worker, or one differs; it is named.
+        """
+        expected = self._software if expected is None else expected
+        if not self._nthreads():
+            raise RigError(
+                f"Dask scheduler {self.address}: no workers connected. Fix: start a worker with "
+                f"`dask worker {self.address} --nthreads 1`"
+            )
+        answers: dict[str, Any] = self._client.run(_software, on_error="return")
+        for worker, answer in sorted(answers.items()):
+            _refuse_other(f"worker {worker}", answer, expected)
+        try:
+            of_scheduler = self._client.run_on_scheduler(_software)
+        except Exception as error:  # noqa: BLE001 - whatever an environment without this software raises
+            of_scheduler = error
+        _refuse_other(f"scheduler {self.address}", of_scheduler, expected)
+
+    def check_files(self, files: Sequence[Path]) -> None:
+        """See `Workers.check_files`; compared are sizes, and the beginning and end of each file.
+
+        Raises:
+            FileProblem: a file cannot be read here.
+            RigError: a worker reads something else.
+        """
+        own = {str(path): content for path, content in _contents([str(path.absolute()) for path in files]).items()}
+        missing = [path for path, content in own.items() if not content]
+        if missing:
+            raise FileProblem(missing[0], ["cannot be read"])
+        self._compare_files(own)
+
+    def _compare_files(self, own: Mapping[str, str]) -> None:
+        """Compare the content of files.
+
+        Raises:
+            RigError: a worker reads something else.
+        """
+        answers: dict[str, Any] = self._client.run(_contents, list(own), on_error="return")
+        for worker, answer in sorted(answers.items()):
+            if isinstance(answer, BaseException):
+                raise RigError(f"worker {worker}: the files could not be checked: {answer!r}")
+            differing = [path for path, content in own.items() if answer.get(path) != content]
+            if differing:
+                state = "cannot read" if not answer.get(differing[0]) else "has different content in"
+                more = f" and {len(differing) - 1} more" if len(differing) > 1 else ""
+                raise RigError(
+                    f"worker {worker} {state} {differing[0]}{more}. Fix: mount the same folder under the same path on "
+                    "all workers"
+                )
+
+    def _nthreads(self) -> Mapping[str, int]:
+        """Threads of each worker.
+
+        Raises:
+            WorkersFailed: the scheduler does not answer.
+        """
+        try:
+            if self._client.status == "running":
+                workers: Mapping[str, int] = self._client.nthreads()
+                return workers
+        except (OSError, ValueError, RuntimeError, AttributeError) as error:  # what a lost connection may raise
+            raise self._lost() from error
+        raise self._lost()
+
+    def _lost(self) -> WorkersFailed:
+        return WorkersFailed(f"Dask scheduler {self.address}: connection lost. Fix: check that it is running")
+
+    def _look(self) -> None:
+        """End the work when the scheduler, or all workers, are gone.
+
+        Raises:
+            WorkersFailed: see there.
+        """
+        if self._nthreads():
+            self._alone_since_s = None
+            return
+        now_s = time.monotonic()
+        self._alone_since_s = now_s if self._alone_since_s is None else self._alone_since_s
+        if now_s - self._alone_since_s >= NO_WORKERS_S:
+            raise WorkersFailed(
+                f"Dask scheduler {self.address}: no workers connected for {NO_WORKERS_S:g} s. Fix: start a worker with "
+                f"`dask worker {self.address} --nthreads 1`"
+            )
+
+    def _submit(self, job: Job[T]) -> Any:  # noqa: ANN401 - a future of Dask
+        return self._client.submit(
+            _call, self._software, job.function, job.arguments, key=f"{job.name}{KEY}{uuid.uuid4().hex}", pure=False
+        )
+
+    def _restart(self) -> None:
+        """Nothing: Dask replaces workers and runs their jobs again."""
+
+    def _cancel(self, futures: Sequence[Any]) -> None:
+        if futures and self._client.status == "running":
+            with suppress(OSError, TimeoutError, CancelledError):  # it may be gone by now
+                self._client.cancel(futures)
+
+
+def abandoned() -> bool:
+    """In a job: whether its result is no longer wanted, so that a long search may end."""
+    running = _current.key
+    if running is None:
+        return False
+    from distributed import get_worker  # here runs a worker of Dask
+
+    task = get_worker().state.tasks.get(running)
+    return task is None or task.state == "cancelled"
+
+
+class _Current(threading.local):
+    """The task that this thread runs; None outside a worker of Dask."""
+
+    key: Any = None
+
+
+_current = _Current()
+
+
+def _call(software: Mapping[str, str], function: Callable[..., T], arguments: tuple[Any, ...]) -> Answer[T] | Missing:
+    """In a worker: run a job; a worker that has joined since the check is checked now.
+
+    Raises:
+        RigError: it has other software.
+    """
+    from distributed import get_worker  # here runs a worker of Dask
+
+    worker = get_worker()
+    _refuse_other(f"worker {worker.address}", _software(), software)
+    with _turn:
+        _current.key = worker.get_current_task()
+        try:
+            answer = answered(function, arguments)
+            return Missing(answer.token, worker.address) if isinstance(answer, Missing) else answer
+        finally:
+            _current.key = None
+
+
+@cache
+def _software() -> Mapping[str, str]:
+    """What computes here: results of different versions are not mixed."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    plug_ins = sorted({f"{one.package} {one.version}" for group in (DAMPER_MODELS, METHODS) for one in found(group)})
+    libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return {"mr-damper-rig": described(), "Python": python, **libraries, "plug-ins": ", ".join(plug_ins) or "none"}
+
+
+def _refuse_other(who: str, answer: object, expected: Mapping[str, str]) -> None:
+    """Refuse a worker or scheduler with other software.
+
+    Raises:
+        RigError: it differs, or has none.
+    """
+    if not isinstance(answer, Mapping):
+        raise RigError(
+            f"{who}: this software is not installed there, or in another version ({answer!r}); expected mr-damper-rig "
+            f"{expected['mr-damper-rig']}. Fix: install the same version on the scheduler and on all workers"
+        )
+    for name, version in expected.items():
+        if answer.get(name) != version:
+            raise RigError(
+                f"{who}: {name}: got {answer.get(name, 'none')}, expected {version} as on this computer. Fix: install "
+                "the same versions on the scheduler and on all workers"
+            )
+
+
+def _contents(paths: Sequence[str]) -> dict[str, str]:
+    """Size, and hash of the beginning and end, of each file; empty where it cannot be read."""
+    return {path: _content(path) for path in paths}
+
+
+def _content(path: str) -> str:
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            digest = hashlib.blake2b(file.read(END_BYTES), digest_size=16)
+            file.seek(max(0, size - END_BYTES))
+            digest.update(file.read(END_BYTES))
+    except OSError:
+        return ""
+    return f"{size} {digest.hexdigest()}"

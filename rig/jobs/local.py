@@ -1,0 +1,111 @@
+"""Workers that are processes of this machine."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import connection
+from pathlib import Path
+from typing import TypeVar, cast
+
+from rig.jobs.workers import Answer, ExecutorWorkers, Job, Missing, Shared, answered
+
+T = TypeVar("T")
+LEAVES_S = 3.0
+"""A process that is asked to end takes no longer."""
+
+def follow_parent(leave: Callable[[], object] | None = None) -> None:
+    """In a new worker process: leave Ctrl-C to the parent, and do not outlive it.
+
+    Args:
+        leave: ends the process when the parent has ended, whatever runs in it; None: it just ends.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, args=(leave,), daemon=True).start()
+
+
+def _end_with_parent(leave: Callable[[], object] | None) -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        if leave is not None:
+            leave()
+        os._exit(1)
+
+
+class LocalWorkers(ExecutorWorkers):
+    """Processes of this machine; `local_workers` starts and ends them."""
+
+    def __init__(self, count: int, begin: Callable[[], None], jobs_per_process: int | None, folder: Path) -> None:
+        self._begin = begin
+        self._jobs_per_process = jobs_per_process
+        self._folder = folder
+        self._pool = self._started(count)
+        super().__init__(self._pool, count)
+
+    def share(self, value: T) -> T:
+        """See `Workers.share`."""
+        descriptor, name = tempfile.mkstemp(dir=self._folder)
+        with os.fdopen(descriptor, "wb") as file:
+            pickle.dump(value, file, protocol=pickle.HIGHEST_PROTOCOL)
+        return cast("T", Shared(name, Path(name)))  # what jobs are given in its place
+
+    def end(self) -> None:
+        """End the processes now, whatever they do."""
+        workers = list(multiprocessing.active_children())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for worker in workers:
+            worker.terminate()
+        until_s = time.monotonic() + LEAVES_S
+        for worker in workers:
+            worker.join(max(0.0, until_s - time.monotonic()))
+            worker.kill()
+
+    def finish(self) -> None:
+        """End the processes once they are idle."""
+        self._pool.shutdown()
+
+    def _started(self, count: int) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(
+            count, mp_context=multiprocessing.get_context("spawn"), initializer=self._begin,
+            max_tasks_per_child=self._jobs_per_process,
+        )  # fmt: skip
+
+    def _submit(self, job: Job[T]) -> Future[Answer[T] | Missing]:
+        return self._pool.submit(answered, job.function, job.arguments)
+
+    def _restart(self) -> None:
+        self.finish()
+        self.executor = self._pool = self._started(self.count)
+
+
+@contextmanager
+def local_workers(
+    count: int, begin: Callable[[], None] = follow_parent, jobs_per_process: int | None = None
+) -> Iterator[LocalWorkers]:
+    """Processes of this machine while the block runs; an exception ends them whatever they do.
+
+    Args:
+        count: how many.
+        begin: called in each new process first; ends with `follow_parent`.
+        jobs_per_process: a process begins anew after so many jobs; None: never.
+
+    Yields:
+        The workers.
+    """
+    with tempfile.TemporaryDirectory(prefix="rig-jobs-") as folder:
+        workers = LocalWorkers(count, begin, jobs_per_process, Path(folder))
+        try:
+            yield workers
+        except BaseException:
+            workers.end()
+            raise
+        workers.finish()

@@ -1,0 +1,309 @@
+"""A job as a value, and workers that run jobs: the interface, and the workers that this process is itself.
+
+A worker process that ends in the middle costs only its jobs: they are run again, and a job during which `MOST_DEATHS`
+worker processes ended is named.
+"""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from abc import abstractmethod
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any, Generic, TypeVar
+
+from rig.errors import DataWarning, RigError
+
+T = TypeVar("T")
+AHEAD = 2
+"""Jobs submitted for each worker: one runs, one waits next to it."""
+MOST_DEATHS = 3
+"""Worker processes that may end during one job before the job is given up."""
+LOOK_S = 1.0
+"""How often workers are looked after while no result comes."""
+
+
+class WorkersFailed(RigError):
+    """The workers can no longer be reached, or keep ending during one job; results that came before are not lost."""
+
+    slug = "workers-failed"
+
+
+@dataclass(frozen=True)
+class Job(Generic[T]):
+    """One computation that depends on no other one.
+
+    Attributes:
+        name: what a message calls it.
+        function: of a module, so that a worker process can import it.
+        arguments: small values, and values from `Workers.share`.
+    """
+
+    name: str
+    function: Callable[..., T]
+    arguments: tuple[Any, ...] = field(default=())
+
+
+class Workers:
+    """Runs jobs one after another in this process.
+
+    Attributes:
+        count: jobs that run at the same time.
+        executor: for what takes a `concurrent.futures.Executor`, such as the evaluation of a population; None here.
+    """
+
+    executor: Executor | None = None
+
+    @property
+    def count(self) -> int:
+        """Jobs that run at the same time."""
+        return 1
+
+    def share(self, value: T) -> T:
+        """A value for the arguments of many jobs, which reaches each worker process once; not to be used otherwise."""
+        return value
+
+    def check_files(self, files: Sequence[Path]) -> None:
+        """Check that every worker reads the same content under these paths.
+
+        Raises:
+            RigError: a worker does not; it is named with the file.
+        """
+
+    def results(self, jobs: Iterable[Job[T]]) -> Iterator[tuple[Job[T], T]]:
+        """Run the jobs; what a job raises is raised here, and the others are given up.
+
+        Args:
+            jobs: taken as workers become free.
+
+        Yields:
+            A job and its result, as they come.
+
+        Raises:
+            WorkersFailed: see there; the message names the job.
+        """
+        for job in jobs:
+            yield job, job.function(*job.arguments)
+
+    def in_order(self, jobs: Iterable[Job[T]], finished: Callable[[Job[T], int], None] | None = None) -> list[T]:
+        """All results, in the order of the jobs.
+
+        Args:
+            jobs: as for `results`, each with its own name.
+            finished: called with each job that has finished, and how many have.
+
+        Raises:
+            WorkersFailed: as `results`.
+        """
+        listed = list(jobs)
+        places = {id(job): place for place, job in enumerate(listed)}
+        values: dict[int, T] = {}
+        for job, value in self.results(listed):
+            values[places[id(job)]] = value
+            if finished is not None:
+                finished(job, len(values))
+        return [values[place] for place in range(len(listed))]
+
+
+HERE = Workers()
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Stands for a shared value in the arguments of a job: its token, and the file that holds it, if there is one."""
+
+    token: str
+    path: Path | None = None
+
+
+@dataclass(frozen=True)
+class Answer(Generic[T]):
+    """What a job computed elsewhere, with the warnings about data that it raised there."""
+
+    value: T
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Missing:
+    """The answer of a worker process that does not have a shared value: of which token, and the worker's address."""
+
+    token: str
+    worker: str = ""
+
+
+KEPT_VALUES = 4
+"""Shared values that a worker process remembers; the oldest goes first."""
+_known: OrderedDict[str, Any] = OrderedDict()
+
+
+def keep(token: str, payload: bytes) -> None:
+    """In a worker: remember a shared value."""
+    _known[token] = pickle.loads(payload)
+    while len(_known) > KEPT_VALUES:
+        _known.popitem(last=False)
+
+
+def forget(tokens: Sequence[str]) -> None:
+    """In a worker: give up shared values."""
+    for token in tokens:
+        _known.pop(token, None)
+
+
+def answered(function: Callable[..., T], arguments: Sequence[Any]) -> Answer[T] | Missing:
+    """In a worker: run a job, if all shared values among its arguments are here."""
+    values = []
+    for argument in arguments:
+        if isinstance(argument, Shared):
+            if argument.token not in _known and argument.path is not None:
+                keep(argument.token, argument.path.read_bytes())
+            if argument.token not in _known:
+                return Missing(argument.token)
+            argument = _known[argument.token]
+        values.append(argument)
+    with warnings.catch_warnings(record=True) as raised:
+        warnings.simplefilter("always", DataWarning)
+        value = function(*values)
+    remarks = [str(one.message) for one in raised if issubclass(one.category, DataWarning)]
+    return Answer(value, tuple(dict.fromkeys(remarks)))
+
+
+class RemoteWorkers(Workers):
+    """Runs jobs elsewhere; `AHEAD` of them are submitted for each worker."""
+
+    @abstractmethod
+    def _submit(self, job: Job[T]) -> Any:  # noqa: ANN401 - a future of `concurrent.futures` or of Dask
+        """A future with `add_done_callback`, and a `result` that is an `Answer`."""
+
+    @abstractmethod
+    def _restart(self) -> None:
+        """Replace worker processes that have ended.
+
+        Raises:
+            WorkersFailed: that is not possible.
+        """
+
+    def _supply(self, missing: Missing) -> None:
+        """Send a shared value to a worker process that does not have it.
+
+        Raises:
+            WorkersFailed: that is not possible.
+        """
+        raise WorkersFailed(f"a worker process lost the shared value {missing.token}. Fix: run the command again")
+
+    def _look(self) -> None:
+        """Look after the workers while no result comes.
+
+        Raises:
+            WorkersFailed: they can no longer be reached.
+        """
+
+    def _cancel(self, futures: Sequence[Any]) -> None:
+        """Give up jobs that are no longer needed."""
+        for future in futures:
+            future.cancel()
+
+    def results(self, jobs: Iterable[Job[T]]) -> Iterator[tuple[Job[T], T]]:
+        """See `Workers.results`. After the end of a worker process each job it may have run runs alone."""
+        waiting, done = iter(jobs), SimpleQueue[Any]()
+        running: dict[Any, Job[T]] = {}
+        deaths: Counter[int] = Counter()
+        suspects: deque[Job[T]] = deque()
+        retried: list[Job[T]] = []
+        try:
+            while True:
+                room = 1 if suspects else AHEAD * self.count
+                try:
+                    while len(running) < room and (job := _next_of(suspects, retried, waiting)) is not None:
+                        future = self._submit(job)
+                        running[future] = job
+                        future.add_done_callback(done.put)
+                    if not running:
+                        return
+                    future = self._next(done)
+                    if future not in running:
+                        continue  # it ended with worker processes that were replaced since
+                    job = running.pop(future)
+                    answer: Answer[T] | Missing = future.result()
+                except BrokenExecutor as error:
+                    ended = [] if job is None else [job]
+                    ended += [one for one in running.values() if one is not job]
+                    running.clear()
+                    suspects.extend(one for one in ended if all(one is not other for other in suspects))
+                    _count_deaths(ended, deaths, error)
+                    self._restart()
+                    continue
+                if isinstance(answer, Missing):
+                    self._supply(answer)
+                    retried.append(job)
+                    continue
+                if suspects and suspects[0] is job:
+                    suspects.popleft()
+                for remark in answer.remarks:
+                    warnings.warn(remark, DataWarning, stacklevel=2)
+                yield job, answer.value
+        finally:
+            self._cancel(list(running))
+
+    def _next(self, done: SimpleQueue[Any]) -> Any:  # noqa: ANN401 - as `_submit`
+        while True:
+            try:
+                return done.get(timeout=LOOK_S)
+            except Empty:
+                self._look()
+
+
+def _next_of(suspects: Sequence[Job[T]], retried: list[Job[T]], waiting: Iterator[Job[T]]) -> Job[T] | None:
+    """The next job to submit; None without one."""
+    if suspects:
+        return suspects[0]
+    return retried.pop() if retried else next(waiting, None)
+
+
+def _count_deaths(jobs: Sequence[Job[Any]], deaths: Counter[int], error: BaseException) -> None:
+    """Count the end of a worker process for the jobs it may have run.
+
+    Raises:
+        WorkersFailed: too many for one of them.
+    """
+    for job in jobs:
+        deaths[id(job)] += 1
+        if deaths[id(job)] >= MOST_DEATHS:
+            raise WorkersFailed(given_up(job.name)) from error
+
+
+def given_up(name: str) -> str:
+    """The message on a job during which worker processes kept ending."""
+    return (
+        f"{name}: {MOST_DEATHS} worker processes ended while they ran this job, expected a result (out of memory?). "
+        "Fix: check the memory of the worker, or use fewer worker processes"
+    )
+
+
+class ExecutorWorkers(RemoteWorkers):
+    """Any `concurrent.futures.Executor` as workers.
+
+    Args:
+        executor: runs the jobs.
+        count: how many it runs at the same time.
+    """
+
+    def __init__(self, executor: Executor, count: int) -> None:
+        self.executor: Executor = executor
+        self._count = count
+
+    @property
+    def count(self) -> int:
+        """See `Workers.count`."""
+        return self._count
+
+    def _submit(self, job: Job[T]) -> Future[Answer[T] | Missing]:
+        return self.executor.submit(answered, job.function, job.arguments)
+
+    def _restart(self) -> None:
+        raise WorkersFailed("a worker process was killed (out of memory?). Fix: use fewer worker processes")
