@@ -1,7 +1,7 @@
 """Workers of a Dask scheduler.
 
-The scheduler and its workers execute the code that they are sent: anyone who reaches the scheduler's port controls them.
-Dask's own settings protect it (`tls://` with certificates in `distributed.comm.tls`), and are used as they are.
+The scheduler and its workers execute the code that they are sent: anyone who reaches the scheduler's port controls
+them. Dask's own settings protect it (`tls://` with certificates in `distributed.comm.tls`), and are used as they are.
 """
 
 from __future__ import annotations
