@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from copied_scenario import StandingCampaigns
 from matrices import TWO_POINTS
 from scenario_campaign import SEED, ScenarioCampaign, Setting, begin
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
@@ -112,6 +113,14 @@ def begin_scenario(tmp_path: Path) -> Iterator[BeginScenario]:
             return begin(ends.enter_context(Stage(SEED, folder)), folder, setting or Setting(**differing))
 
         yield start_there
+
+
+@pytest.fixture(scope="session")
+def standing_campaigns(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandingCampaigns]:
+    """Campaigns that stand where their first point begins, to be copied (`copied_scenario`)."""
+    campaigns = StandingCampaigns(lambda: tmp_path_factory.mktemp("standing"))
+    yield campaigns
+    campaigns.end()
 
 
 @pytest.fixture

@@ -17,7 +17,8 @@ from rig.campaign import CampaignOptions, machine_resources
 from rig.cli import words
 from simulators.__main__ import collect
 from simulators.__main__ import main as simulators_command
-from simulators.rig import SimulatedRig
+from simulators.options import RigOptions
+from simulators.rig import RunOptions, SimulatedRig
 from simulators.scenarios.machine import Process
 from simulators.scenarios.scenario import Silent
 from simulators.scenarios.stage import Application, Stage
@@ -55,6 +56,11 @@ class Setting:
     bench_edit: tuple[str, str] = ("", "")
     out: str = OUT
     ring_records: int = 0
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Of `python -m simulators`, with the speed."""
+        return "--speed", str(self.speed), *self.simulator
 
 
 class Handle:
@@ -219,19 +225,23 @@ def answered(ran: Application) -> dict[str, Any]:
     return {"slug": ran.refusal[0], "error": ran.refusal[1]}
 
 
-def simulated_rig(*arguments: str, truth: Path | None) -> SimulatedRig:
+def rig_options(*arguments: str) -> tuple[RigOptions, RunOptions]:
     """The rig of `python -m simulators ARGUMENTS`, with the ports of a world."""
     with simulators_command.make_context("simulators", ["--seed", str(SEED), *arguments]) as context:
-        options = collect({**context.params})
-    run = options["run"]
-    ports = BY_ID if run.ports == BY_ID else "socket"
-    return SimulatedRig(options["options"], dataclasses.replace(run, ports=ports, truth=truth))
+        collected = collect({**context.params})
+    run = collected["run"]
+    return collected["options"], dataclasses.replace(run, ports=BY_ID if run.ports == BY_ID else "socket")
+
+
+def simulated_rig(*arguments: str, truth: Path | None) -> SimulatedRig:
+    """The same, as new."""
+    options, run = rig_options(*arguments)
+    return SimulatedRig(options, dataclasses.replace(run, truth=truth))
 
 
 def serve(stage: Stage, folder: Path, setting: Setting, truth: Path | None) -> Path:
     """Have the rig of a setting served; its bench file."""
-    simulated = simulated_rig("--speed", str(setting.speed), *setting.simulator, truth=truth)
-    bench = stage.serve(simulated, real_time=setting.real_time)
+    bench = stage.serve(simulated_rig(*setting.arguments, truth=truth), real_time=setting.real_time)
     text = bench.read_text(encoding="utf-8")
     assert setting.bench_edit[0] in text
     bench.write_text(text.replace(*setting.bench_edit), encoding="utf-8")

@@ -65,4 +65,5 @@ ROWS = {
 @pytest.mark.apart
 @pytest.mark.parametrize(("name", "slug"), [(name, slug) for name, slugs in ROWS.items() for slug in slugs])
 def test_rows_end_as_the_matrix_says_on_a_users_map(name: str, slug: str, begin_scenario: Start) -> None:
-    check_row(slug, wearing(scenario_of(slug), name), begin_scenario)
+    here = wearing(scenario_of(slug), name)
+    check_row(slug, begin_scenario(here.setting), here)
