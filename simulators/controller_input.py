@@ -43,8 +43,8 @@ class ControllerInput:
 
     def read(self, random: np.random.Generator) -> float:
         """What the register shows now (SI); every reading has noise of its own."""
-        value = self.options.gain * self._filter[0] + self.zero
-        value += self.options.noise * random.standard_normal()
-        if self.options.resolution > 0.0:
-            value = round(value / self.options.resolution) * self.options.resolution
+        options = self.options
+        value: float = options.gain * self._filter.item(0) + self.zero + options.noise * random.standard_normal()
+        if options.resolution > 0.0:
+            value = round(value / options.resolution) * options.resolution
         return float(value)

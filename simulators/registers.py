@@ -48,6 +48,9 @@ MODULAR = frozenset({"heartbeat", "pulse_count", "watchdog_echo", "program_id"})
 BY_MEANING = frozenset({"state", "fault_bits", "inputs"})
 """Quantities of the status that codes, bits and conditions make up."""
 
+MOST_SHOWN = 1024
+"""Of what a device has shown so many are kept: what it means does not have to be laid down again."""
+
 Cell = tuple[str, int]
 """Space and address of a register or coil."""
 Cells = dict[Cell, int]
@@ -80,6 +83,7 @@ class RegisterBank:
         self._map = emulated
         self._cells: Cells = {}
         self._status = EmulatedStatus(emulated)
+        self._shown_before: dict[tuple[int, ...], Registers] = {}
         self._scripts = Scripts(
             scripts_of(emulated.recipes.commands), lambda one, value: raw_of(one, float(value)), self._raw
         )
@@ -344,8 +348,15 @@ class RegisterBank:
             registers[quantity.space, quantity.address] = self._raw(quantity, live)
         actuator = self.actuator
         pressure = PRESSURES[int(actuator.plant.command["pressure"][0])]
-        faults, inputs = int(shown["fault_bits"]), int(shown["inputs"])
-        self._status.show(registers, actuator.state, actuator.motion_state, faults, inputs, pressure)
+        meant = actuator.state, actuator.motion_state, int(shown["fault_bits"]), int(shown["inputs"]), pressure
+        before = (*registers.values(), *meant)
+        if before in self._shown_before:
+            registers = self._shown_before[before]
+        else:
+            self._status.show(registers, *meant)
+            if len(self._shown_before) == MOST_SHOWN:
+                self._shown_before.clear()
+            self._shown_before[before] = registers
         for quantity in self._meanings:
             self._put(live, quantity, registers[quantity.space, quantity.address], swapped=self.word_order_swapped)
 

@@ -265,7 +265,7 @@ class SimulatedRig:
             self.supply.tick(served_s)
         for action in self.every_tick:
             action()
-        step = int(self.plant.state["step"][0])
+        step = self.plant.step
         behind = self._behind = not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s)
         if shared is not None:
             shared.go_on(waiting=host_is_late or behind)
@@ -292,7 +292,7 @@ class SimulatedRig:
 
     def _arrival_s(self) -> float:
         """Simulated time of what arrives now (s): up to a slice after the plant's."""
-        ahead_s = self._pace.ahead_s(self._rig_ns(), int(self.plant.state["step"][0]))
+        ahead_s = self._pace.ahead_s(self._rig_ns(), self.plant.step)
         return self.plant.time_s + min(ahead_s, LONGEST_SLICE_S * self.run_options.speed)
 
     def _catch_up(self) -> None:
@@ -305,7 +305,7 @@ class SimulatedRig:
             self._shared.go_on(waiting=not self._goes_on)
         # A clock that waits for this very request is not passed: up to it the physics are owed.
         runs = self._goes_on if self._shared is None else not self._behind
-        if runs and (steps := self._pace.due(self._rig_ns(), int(self.plant.state["step"][0]))):
+        if runs and (steps := self._pace.due(self._rig_ns(), self.plant.step)):
             self.advance(steps)
 
     def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
@@ -351,13 +351,11 @@ class SimulatedRig:
                     self.first_cycle_s = time_s
             elif kind == EVENT_TRIP:
                 self.note("TRIP", f"limit bit {int(value)}", time_s)
-        now_ns = monotonic_ns()
+        now_ns, end_s, out, dt_s = monotonic_ns(), self.plant.time_s, self.plant.out, self.plant.dt_s
+        current_A = out[:, plant_step.CURRENT]
         for channel in self.channels:
-            channel.hear(now_ns, start_s, self.plant.time_s, self.run_options.speed)
-            out = self.plant.out
-            data = channel.sensor.sample(
-                out[:, channel.column], start_s, self.plant.dt_s, pulses_s, out[:, plant_step.CURRENT]
-            )
+            channel.hear(now_ns, start_s, end_s, self.run_options.speed)
+            data = channel.sensor.sample(out[:, channel.column], start_s, dt_s, pulses_s, current_A)
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
         if self.supply is None:

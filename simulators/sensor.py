@@ -36,6 +36,7 @@ GAP_SAMPLES = 3
 NAN_EVERY_S = 0.2
 GARBLED_SHARE = 0.02
 _NOTHING: FloatArray = np.zeros(0)
+_NO_DRAWS: FloatArray = np.zeros((0, 2))
 
 
 @dataclass
@@ -52,9 +53,6 @@ class SensorFaults:
     garbage: bool = False
     wrong_baud: bool = False
     zero_offset: float = 0.0
-
-
-HEALTHY = SensorFaults()
 
 
 class Sensor:
@@ -123,9 +121,9 @@ class Sensor:
         end_s = start_s + len(signal) * dt_s
         options = self.options
         draws, device_us, nominal_s, times_s = self._instants(end_s)
-        value = np.empty(len(times_s))
+        value = np.empty(len(times_s)) if len(times_s) else _NOTHING
         condition(signal, dt_s, 2.0 * math.pi * options.bandwidth_Hz, self._filter, start_s, times_s, value)
-        if len(value) or pulses_s or self.faults != HEALTHY:
+        if len(value) or pulses_s:
             status = self._imperfect(value, draws, self._disturbance(times_s, start_s, dt_s, current_A))
             if len(value) and nominal_s[-1] >= options.numbers_until_s:
                 value[nominal_s >= options.numbers_until_s] = math.nan
@@ -144,6 +142,8 @@ class Sensor:
         if requests is not None:
             first, count = first + max(0, count - len(requests)), min(count, len(requests))
             del requests[:count]
+        if not count:
+            return _NO_DRAWS, _NOTHING, _NOTHING, _NOTHING
         draws = self._random.standard_normal((count, 2))
         clocks = np.empty((3, count))
         sampling(first, self._period_us, clock.offset_us, 1e6 + clock.ppm, self.options.jitter_s, draws, clocks)
@@ -295,7 +295,7 @@ class Sensor:
         self._release_s = np.maximum.accumulate(joined)
 
     def _released(self, now_s: float) -> bytes:
-        count = int(self._release_s.searchsorted(now_s, side="right"))
+        count = int(self._release_s.searchsorted(now_s, side="right")) if len(self._release_s) else 0
         if not count:
             return b""
         rows = self._waiting[:count]

@@ -45,6 +45,8 @@ class Plant:
         self.constants = np.zeros(1, CONSTANTS)
         self.command = np.zeros(1, COMMAND)
         self.state = np.zeros(1, STATE)
+        self._fields = {name: self.state[name] for name in STATE.names or ()}
+        self._ordered = {name: self.command[name] for name in COMMAND.names or ()}
         self.table: FloatArray = np.zeros(1)
         self._fill_constants(options)
         self._fill_state(options)
@@ -61,7 +63,12 @@ class Plant:
     @property
     def time_s(self) -> float:
         """Simulated time (s)."""
-        return int(self.state["step"][0]) * self.dt_s
+        return self.step * self.dt_s
+
+    @property
+    def step(self) -> int:
+        """How many steps it has run."""
+        return int(self._fields["step"].item())
 
     def advance(self, steps: int) -> list[tuple[float, int, float]]:
         """Run `steps` steps, at most `MAXIMUM_STEPS`; returns the events as (simulated time s, kind, value).
@@ -74,7 +81,7 @@ class Plant:
         if self._change_per_K:
             warmer = float(self.state["temperature_degC"][0]) - self._reference_degC
             self._damper[:] = self._base * (1.0 + self._thermal * self._change_per_K * warmer)
-        self.first_step = int(self.state["step"][0])
+        self.first_step = self.step
         count = slice_of(self.model)(
             steps,
             self.constants,
@@ -98,12 +105,12 @@ class Plant:
 
     def value(self, name: str) -> float:
         """One field of the state, SI."""
-        return float(self.state[name][0])
+        return float(self._fields[name].item())
 
     def order(self, **fields: float) -> None:
         """Set fields of the command record."""
         for name, value in fields.items():
-            self.command[name][0] = value
+            self._ordered[name][0] = value
 
     def _fill_constants(self, options: RigOptions) -> None:
         servo, damper, coil = options.servo, options.damper, options.coil

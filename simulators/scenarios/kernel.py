@@ -85,6 +85,7 @@ class Kernel:
 
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(f"kernel {seed}")
+        self._random = self.chance.random
         self.start_ns = self.now_ns = 1_000_000_000_000
         self.switches = 0
         self.current: Task | None = None
@@ -222,7 +223,9 @@ class Kernel:
         """Let a waiting task run soon, or at a time; nothing for one that does not wait."""
         if task.waiting:
             task.notified = task.notified or at_ns is None
-            self._push(max(at_ns or 0, self.now_ns) + self._draw(HANDOVER_NS), task, woken=True)
+            if at_ns is None or at_ns < self.now_ns:
+                at_ns = self.now_ns
+            self._push(at_ns + self._draw(HANDOVER_NS), task, woken=True)
 
     def sleep_ns(self, length_ns: int) -> None:
         """Let a time pass for this task."""
@@ -232,7 +235,7 @@ class Kernel:
 
     def system_call(self) -> None:
         """Where a task may be held up: others run meanwhile."""
-        if self.current is not None and self.chance.random() < self.held_up:
+        if self.current is not None and self._random() < self.held_up:
             self.sleep_ns(self._draw(HELD_UP_NS))
 
     # The loop
@@ -275,11 +278,12 @@ class Kernel:
 
     def _push(self, at_ns: int, task: Task, *, woken: bool) -> None:
         self._order += 1
-        heappush(self._due, (at_ns, self.chance.random(), self._order, task, task.wait, woken))
+        heappush(self._due, (at_ns, self._random(), self._order, task, task.wait, woken))
 
     def _next(self) -> int:
         self._order += 1
         return self._order
 
     def _draw(self, bounds: tuple[int, int]) -> int:
-        return bounds[0] + int(self.chance.random() * (bounds[1] - bounds[0]))
+        low, high = bounds
+        return low + int(self._random() * (high - low))

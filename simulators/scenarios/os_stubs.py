@@ -389,6 +389,10 @@ class Installed:
         self._before.append((module, name, getattr(module, name)))
         setattr(module, name, value)
 
+    def stand_in(self, real: object) -> object:
+        """The world's counterpart of a module, class or function, for another one's module that uses it."""
+        return self._stubs[id(real)]
+
     def __enter__(self) -> Installed:
         for module_name, module in list(real_sys.modules.items()):
             place = module_name.partition(".")[0]

@@ -80,12 +80,12 @@ class ScenarioTruth:
         # The slice ends now; before it the rig's clock may have waited.
         self._take_pressure(self._sliced_ns)
         self._sliced_ns = self._kernel.now_ns
-        steps = len(self._plant.out)
-        rows = np.arange(-self._taken % self._every, steps, self._every)
+        steps, first = len(self._plant.out), -self._taken % self._every
         self._taken += steps
-        if len(rows):
-            times_ns = self._sliced_ns - (steps - 1 - rows) * self._plant.dt_s * 1e9
-            self._slices.append((np.asarray(times_ns, np.float64), self._plant.out[rows]))
+        if first < steps:
+            out, dt_s = self._plant.out[first :: self._every].copy(), self._plant.dt_s
+            times_ns = [self._sliced_ns - (steps - 1 - row) * dt_s * 1e9 for row in range(first, steps, self._every)]
+            self._slices.append((np.array(times_ns), out))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """A line of the log."""

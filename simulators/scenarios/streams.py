@@ -59,7 +59,8 @@ class Stream:
     @property
     def room(self) -> int:
         """Bytes that can be written without waiting."""
-        return max(0, self._capacity - self._size)
+        room = self._capacity - self._size
+        return room if room > 0 else 0
 
     @property
     def writable(self) -> bool:
@@ -69,7 +70,8 @@ class Stream:
     @property
     def _fails(self) -> bool:
         """Writing fails at once."""
-        gone = self.deaf if self.back is None else self.back._is_reset  # noqa: SLF001 - the same class
+        back = self.back
+        gone = self.deaf if back is None else back._reset_ns is not None and back._is_reset  # noqa: SLF001 - this class
         return self.closed or gone
 
     @property
@@ -90,9 +92,10 @@ class Stream:
         if self.deaf and self.back is not None:
             self.back.cut()
             return len(data)
-        if not self._wire and self.room < len(data) <= PIPE_ATOM:
+        room, size = self.room, len(data)
+        if not self._wire and room < size <= PIPE_ATOM:
             return 0
-        part = bytes(data[: self.room])
+        part = bytes(data if size <= room else data[:room])
         if part:
             self._size += len(part)
             self._parts.append((self._arrives(), part))
@@ -161,10 +164,12 @@ class Stream:
             self.on_room()
 
     def _arrives(self) -> int:
-        chance = self.kernel.chance
-        slow = self._wire and chance.random() < SLOW_SHARE
-        low, high = SLOW_NS if slow else self._latency_ns
-        self._last_ns = max(self._last_ns, self.kernel.now_ns + low + int(chance.random() * (high - low)))
+        kernel = self.kernel
+        draw = kernel.chance.random
+        low, high = SLOW_NS if self._wire and draw() < SLOW_SHARE else self._latency_ns
+        at_ns = kernel.now_ns + low + int(draw() * (high - low))
+        if at_ns > self._last_ns:
+            self._last_ns = at_ns
         return self._last_ns
 
     def _notify(self, at_ns: int) -> None:

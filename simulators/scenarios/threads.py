@@ -41,6 +41,8 @@ class Waiters:
 
     def wake(self, count: int | None = None, at_ns: int | None = None) -> None:
         """Wake so many, all without a number; soon, or at a time. Who was killed meanwhile is not counted."""
+        if not self._tasks:
+            return
         left = len(self._tasks) if count is None else count
         while self._tasks and left > 0:
             task = self._tasks.popleft()

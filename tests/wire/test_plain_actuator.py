@@ -10,15 +10,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from in_process import rig as rig_here
 from matrices import matrix_text
+from scenario_campaign import SEED, Handle, ScenarioCampaign, rig_options
 
+from drivers import catalogue
+from rig.campaign import CampaignOptions
 from rig.recording.journal.campaign_log import read_log
-
-pytestmark = pytest.mark.wire
+from simulators.scenarios.scenario import Silent
+from simulators.scenarios.stage import Application, Stage
 
 HERE = Path(__file__).parent / "plain_actuator"
 LATE_S = 0.03
@@ -59,6 +66,38 @@ def skip_where_the_host_was_held_up(folder: Path) -> None:
         pytest.skip(f"this host was too busy: {os.getloadavg()[0]:.0f} processes wanted to run")
 
 
+def test_a_matrix_runs_in_virtual_time_on_an_actuator_that_only_follows_set_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the time limits of hardware; on real processes by night."""
+    monkeypatch.syspath_prepend(str(HERE))
+    plain_rig, plain_actuator = import_module("plain_rig"), import_module("plain_actuator")
+    monkeypatch.setitem(catalogue._REGISTERED, "plain", plain_actuator.PlainActuator)
+    matrix, truth = tmp_path / "matrix.toml", tmp_path / "truth.h5"
+    matrix.write_text(MATRIX, encoding="utf-8")
+    with Stage(SEED, tmp_path, tick_s=0.001) as stage:  # as often as the rig hands over on real wires
+        for name in ("socket", "time"):
+            stage.installed.put(plain_actuator, name, stage.installed.stand_in(getattr(plain_actuator, name)))
+        options, run = rig_options("--speed", "1")
+        bench = stage.serve(plain_rig.PlainRig(options, replace(run, truth=truth)))
+        ran = Application(stage, CampaignOptions(matrix, tmp_path / "out", bench_path=bench), Silent())
+        ending = ScenarioCampaign(Handle(stage, ran.process), tmp_path / "out", truth, stage, ran).finish()
+        assert not stage.rig.plant.command["pressure"][0]
+    assert_it_can_do_little(ending.log)
+    assert (ending.exit_code, ending.answer["rig_state"]) == (0, "safe"), ending.answer["points"]
+    assert ending.verdicts() == {"p001": "valid", "p002": "valid"}, ending.answer["points"]
+    for run_of_it in ending.truth.runs():
+        assert np.ptp(ending.truth.displacement_m[run_of_it]) == pytest.approx(0.02, rel=0.05)
+
+
+def assert_it_can_do_little(story: list[dict[str, Any]]) -> None:
+    """What the actuator lacks is reported by name."""
+    named = {line["slug"] for line in story if str(line.get("slug", "")).startswith("actuator-without")}
+    assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= named
+
+
+@pytest.mark.nightly
+@pytest.mark.wire
 def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")
@@ -72,10 +111,7 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
             break
     folder = Path(answer["campaign"])
     story = read_log(folder)
-    details = {
-        line["slug"]: line["detail"] for line in story if str(line.get("slug", "")).startswith("actuator-without")
-    }
-    assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(details)
+    assert_it_can_do_little(story)
     assert "actuator-without-lease" in done.stderr, "also on the terminal"
     assert answer["rig_state"] == "safe"
     for _ in range(AGAIN):
@@ -92,6 +128,7 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
 
 
 @pytest.mark.nightly
+@pytest.mark.wire
 def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path, tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")

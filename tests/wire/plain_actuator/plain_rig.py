@@ -7,6 +7,7 @@ import signal
 import sys
 from pathlib import Path
 
+from simulators.bench import Addresses
 from simulators.options import RigOptions
 from simulators.plant import records
 from simulators.rig import RunOptions, SimulatedRig
@@ -54,19 +55,31 @@ class PlainServer:
         writer.close()
 
 
+class PlainRig(SimulatedRig):
+    """The simulated rig with that actuator beside its own, which nobody talks to."""
+
+    plain_url = ""
+
+    async def open(self) -> Addresses:
+        addresses = await super().open()
+        server = await asyncio.start_server(PlainServer(self).serve, "127.0.0.1", 0)
+        self.plain_url = f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        return addresses
+
+    def bench(self, addresses: Addresses, real_time: bool) -> str:
+        text = super().bench(addresses, real_time)
+        text = text.replace(f'url = "{addresses.actuator_url}"', f'url = "{self.plain_url}"')
+        text = text.replace('register_map = "demo"', 'register_map = "plain"')
+        return "\n".join(line for line in text.splitlines() if "SIM-ACT" not in line) + "\n"
+
+
 async def main(bench: Path) -> None:
     """Serve until terminated; the bench file is there once "ready" is said."""
-    rig = SimulatedRig(RigOptions(), RunOptions())
+    rig = PlainRig(RigOptions(), RunOptions())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, rig.stop)
     rig.warm_up()
-    addresses = await rig.open()
-    server = await asyncio.start_server(PlainServer(rig).serve, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    text = rig.bench(addresses, real_time=False)
-    text = text.replace(f'url = "{addresses.actuator_url}"', f'url = "tcp://127.0.0.1:{port}"')
-    text = text.replace('register_map = "demo"', 'register_map = "plain"')
-    lines = [line for line in text.splitlines() if "SIM-ACT" not in line]
-    await asyncio.to_thread(bench.write_text, "\n".join(lines) + "\n", encoding="utf-8")
+    text = rig.bench(await rig.open(), real_time=False)
+    await asyncio.to_thread(bench.write_text, text, encoding="utf-8")
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     await rig.run()
