@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -66,15 +67,21 @@ class CurrentLawModel(DamperModel):
         def step(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
             return bool(inner_step(p, state, motion, felt(p, current), dt))
 
+        # What the model does not have stays what it is: loops leave that out.
+        own = Kernel(force, loop=inner.loop)
+        if inner.rates is not own.rates:
+            own = replace(own, rates=rates, fastest_rate=fastest_rate)
+        if inner.step is not own.step:
+            own = replace(own, step=step)
         inner_held = inner.held
         if inner_held is None:
-            return Kernel(force, rates, fastest_rate, inner.loop, step)
+            return own
 
         @njit()
         def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, target: ForceTarget) -> float:
             return float(inner_held(p, state, motion, felt(p, current), target))
 
-        return Kernel(force, rates, fastest_rate, inner.loop, step, held)
+        return replace(own, held=held)
 
     def separation(self, scale: MotionScale) -> Separation | None:
         """See `DamperModel.separation`: None; a fit searches the law about fits of the base model."""

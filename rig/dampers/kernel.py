@@ -28,7 +28,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.loop_curve import has_curve, hysteresis_along
+from rig.dampers.loop_curve import has_curve, hysteresis_series
 from rig.dampers.sampled_motion import Motion, between_samples
 
 SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state
@@ -194,8 +194,32 @@ def kernel_of(model: Integrable) -> Kernel:
 
 @cache
 def _mover(kernel: Kernel) -> Compiled:
-    """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt)."""
-    integrate, loop, own_step, fastest_rate = runge_kutta(kernel.rates), kernel.loop, kernel.step, kernel.fastest_rate
+    """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt).
+
+    What a model does not have is left out: compiling it takes as long as what the model has.
+    """
+    loop, own_step, fastest_rate = kernel.loop, kernel.step, kernel.fastest_rate
+    if kernel.loop is _no_loop and kernel.rates is _no_rates:
+
+        @njit()
+        def own(p: FloatArray, state: FloatArray, motion: Motion, v_end: float, current: float, dt: float) -> None:
+            own_step(p, state, motion, current, dt)
+
+        return own
+    integrate = runge_kutta(kernel.rates)
+
+    @njit()
+    def integrated(p: FloatArray, state: FloatArray, motion: Motion, v_end: float, current: float, dt: float) -> None:
+        if own_step(p, state, motion, current, dt):
+            return
+        rate = fastest_rate(p, max(abs(motion[1]), abs(v_end)), current)
+        substeps = int(min(float(MAXIMUM_SUBSTEPS), max(1.0, math.ceil(rate * dt / SUBSTEP_RATE))))
+        h = dt / substeps
+        for k in range(substeps):
+            integrate(p, state, motion, current, k * h, h)
+
+    if kernel.loop is _no_loop:
+        return integrated
 
     @njit()
     def move(p: FloatArray, state: FloatArray, motion: Motion, v_end: float, current: float, dt: float) -> None:
@@ -205,13 +229,7 @@ def _mover(kernel: Kernel) -> Compiled:
             u_end = u0 + dt * (v0 + dt * (c1 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0)))
             state[0] = scale * travel_between(state[0] / scale, u0, v0, u_end, v_end, dt, rho, sigma, n)
             return
-        if own_step(p, state, motion, current, dt):
-            return
-        rate = fastest_rate(p, max(abs(v0), abs(v_end)), current)
-        substeps = int(min(float(MAXIMUM_SUBSTEPS), max(1.0, math.ceil(rate * dt / SUBSTEP_RATE))))
-        h = dt / substeps
-        for k in range(substeps):
-            integrate(p, state, motion, current, k * h, h)
+        integrated(p, state, motion, v_end, current, dt)
 
     return move
 
@@ -296,21 +314,14 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
 
 @cache
 def series_of(model: Integrable) -> Compiled:
-    """`force_series` of one model, compiled: (p, start, u, v, a, current, dt, warm)."""
-    kernel, step = kernel_of(model), sampled_step(model)
-    key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    return cached(
-        _series(key, model.states, model.positions, model.memories), _force=kernel.force, _loop=kernel.loop, _step=step
-    )
+    """`force_series` of one model: (p, start, u, v, a, current, dt, warm).
 
+    Only what a call needs is compiled: a model whose hysteresis follows the one curve, or that has no states, needs its
+    force alone.
+    """
+    loop = getattr(kernel_of(model).loop, "py_func", kernel_of(model).loop)
+    states, positions, memories = model.states, model.positions, model.memories
 
-_force: Compiled = _no_rates
-_loop: Compiled = _no_loop
-_step: Compiled = _no_step
-"""Of the loop's model, once `series_of` has made it."""
-
-
-def _series(key: str, states: int, positions: int, memories: int) -> Compiled:
     def series(
         p: FloatArray,
         start: FloatArray,
@@ -321,36 +332,77 @@ def _series(key: str, states: int, positions: int, memories: int) -> Compiled:
         dt: float,
         warm: int,
     ) -> FloatArray:
-        n = u.size + 0 * len(key)
-        force = np.empty(n)
+        force = np.empty(u.size)
+        rho, sigma, exponent, scale = loop(p)
         if states == 0:
-            for k in range(n):
-                force[k] = _force(p, 0.0, 0.0, u[k], v[k], a[k], current[k])
-            return force
-        rho, sigma, exponent, scale = _loop(p)
-        if has_curve(rho, sigma, exponent) and abs(start[0]) <= scale:
-            w = hysteresis_along(start[0] / scale, rho, sigma, exponent, u, v, dt, warm)
-            for k in range(n):
-                force[k] = _force(p, scale * w[k], 0.0, u[k], v[k], a[k], current[k])
-            return force
-        state = start.copy()
-        if warm > 1:
-            for place in range(state.size - memories, state.size):
-                state[place] = np.mean(np.abs(v[:warm]))
-            for k in range(1, warm):
-                _step(p, state, u, v, a, current, dt, k - 1, k)
-            # A cycle is no whole number of samples, so the last step ends a fraction of a sample beside the first one:
-            # states that are positions move with it, or they would meet the first sample with a jump.
-            beside = u[0] - _step(p, state, u, v, a, current, dt, warm - 1, 0)
-            for place in range(positions):
-                state[place] += beside
-        for k in range(n):
-            if k > 0:
-                _step(p, state, u, v, a, current, dt, k - 1, k)
-            force[k] = _force(p, state[0], state[1] if state.size > 1 else 0.0, u[k], v[k], a[k], current[k])
+            _pointwise_of(model)(p, start[:0], u, v, a, current, force)
+        elif has_curve(rho, sigma, exponent) and abs(start[0]) <= scale:
+            w = hysteresis_series(start[0] / scale, rho, sigma, exponent, u, v, dt, warm)
+            _pointwise_of(model)(p, scale * w, u, v, a, current, force)
+        else:
+            state = start.copy()
+            if warm > 1:
+                state[state.size - memories :] = np.mean(np.abs(v[:warm]))
+            _stepwise_of(model)(p, state, u, v, a, current, dt, warm if warm > 1 else 0, positions, force)
         return force
 
     return series
+
+
+@cache
+def _pointwise_of(model: Integrable) -> Compiled:
+    """Force along samples whose state is known, compiled: (p, state, u, v, a, current, force), which it fills."""
+    return cached(_pointwise(f"{fingerprint()} {model.name} {model.hysteresis}"), _force=kernel_of(model).force)
+
+
+@cache
+def _stepwise_of(model: Integrable) -> Compiled:
+    """Force along a motion, state after state, compiled: see `_stepwise`."""
+    key = f"{fingerprint()} {model.name} {model.hysteresis}"
+    return cached(_stepwise(key), _force=kernel_of(model).force, _step=sampled_step(model))
+
+
+_force: Compiled = _no_rates
+_step: Compiled = _no_step
+"""Of the loop's model, once it is compiled."""
+
+
+def _pointwise(key: str) -> Compiled:
+    def pointwise(
+        p: FloatArray, s: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray, out: FloatArray
+    ) -> None:
+        for k in range(u.size + 0 * len(key)):
+            out[k] = _force(p, s[k] if s.size > 0 else 0.0, 0.0, u[k], v[k], a[k], current[k])
+
+    return pointwise
+
+
+def _stepwise(key: str) -> Compiled:
+    def stepwise(
+        p: FloatArray,
+        state: FloatArray,
+        u: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        current: FloatArray,
+        dt: float,
+        warm: int,
+        positions: int,
+        force: FloatArray,
+    ) -> None:
+        for step in range(warm + u.size + 0 * len(key)):
+            k = step - warm if step >= warm else step
+            if step > 0:
+                there = _step(p, state, u, v, a, current, dt, k - 1 if k > 0 else warm - 1, k)
+                if k == 0:
+                    # A cycle is no whole number of samples, so the last step ends a fraction of a sample beside the
+                    # first one: states that are positions move with it, or they would meet the first sample with a jump.
+                    for place in range(positions):
+                        state[place] += u[0] - there
+            if step >= warm:
+                force[k] = _force(p, state[0], state[1] if state.size > 1 else 0.0, u[k], v[k], a[k], current[k])
+
+    return stepwise
 
 
 def force_series(

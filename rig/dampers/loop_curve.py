@@ -49,7 +49,6 @@ LAST = NODES.size - 1
 FIRST_LOADING = CELLS_A_UNIT  # the node at x = 0
 
 
-@njit()
 def has_curve(rho: float, sigma: float, n: float) -> bool:
     """Whether the loop is one that the curve describes: finite, dissipating or nearly so, n >= 1."""
     return 0.0 < rho < math.inf and SLOWEST_RATE <= 2.0 * sigma < math.inf and 1.0 <= n < math.inf
@@ -165,33 +164,100 @@ def closing_m(u: FloatArray, v: FloatArray, warm: int) -> float:
     return float(way) if way * v[0] > 0.0 else 0.0
 
 
+Place = tuple[float, float, int, float]
+
+
 @njit()
-def _pass(
-    curve: FloatArray,
-    rho: float,
-    n: float,
-    at: tuple[float, float, int, float],
-    u: FloatArray,
-    v: FloatArray,
-    dt: float,
-    out: FloatArray,
-) -> tuple[float, float, int, float]:
-    """Follow the samples of a motion from the first; `out` receives w at each of them where it has room for all."""
-    for k in range(u.size):
-        if k > 0:
-            if v[k - 1] * v[k] < 0.0:
-                turn = turning_point(u[k - 1], v[k - 1], u[k], v[k], dt)
-                at = travel_along(curve, n, at, rho * (turn - u[k - 1]))
-                at = travel_along(curve, n, at, rho * (u[k] - turn))
-            else:
-                at = travel_along(curve, n, at, rho * (u[k] - u[k - 1]))
-        if out.size > 0:
-            out[k] = at[1] * at[3]
+def _rate(curve: FloatArray, n: float, s: float, x: float, cell: int) -> float:
+    """f(x) as the slope of the curve."""
+    if cell == LAST:
+        return n * (1.0 - x)
+    t = s - curve[cell, 0]
+    return float(curve[cell, 1] + t * (2.0 * curve[cell, 2] + t * 3.0 * curve[cell, 3]))
+
+
+@njit()
+def _slopes_at(curve: FloatArray, slopes: FloatArray, n: float, at: Place) -> tuple[float, float]:
+    """S_sigma and S_n at a place, linear inside a cell."""
+    s, x, cell, _ = at
+    if cell == LAST:
+        beyond = math.log(max(1.0 - x, 1e-300) / (1.0 - NODES[LAST])) / (n * n)
+        return float(slopes[LAST, 0]), float(slopes[LAST, 1] + beyond)
+    share = (s - curve[cell, 0]) / (curve[cell + 1, 0] - curve[cell, 0])
+    by_sigma = slopes[cell, 0] + share * (slopes[cell + 1, 0] - slopes[cell, 0])
+    return float(by_sigma), float(slopes[cell, 1] + share * (slopes[cell + 1, 1] - slopes[cell, 1]))
+
+
+@njit()
+def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray) -> Place:
+    """Reverse, and carry the derivatives over; `moving` is de/dln(rho), de/dsigma, de/dn."""
+    s, x, cell, direction = at
+    before, there = _rate(curve, n, s, x, cell), _slopes_at(curve, slopes, n, at)
+    x, direction = -x, -direction
+    cell = cell_of(x)
+    s = place(curve, n, x, cell)
+    at = (s, x, cell, direction)
+    ratio, here = before / _rate(curve, n, s, x, cell), _slopes_at(curve, slopes, n, at)
+    moving[0] = 0.0 - ratio * moving[0]
+    moving[1] = here[0] - ratio * (moving[1] - there[0])
+    moving[2] = here[1] - ratio * (moving[2] - there[1])
     return at
 
 
 @njit()
-def hysteresis_along(
+def _move(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
+    """Move by a signed distance (in 1/rho), reversing first where its sign says so; `moving` is empty: no derivatives."""
+    if moving.size > 0:
+        if distance * at[3] < 0.0:
+            at = _turned(curve, slopes, n, at, moving)
+        moving[0] += abs(distance)
+    return travel_along(curve, n, at, distance)
+
+
+@njit(cache=True, nogil=True)
+def _along(
+    w: float,
+    shape: tuple[float, float, float],
+    u: FloatArray,
+    v: FloatArray,
+    dt: float,
+    warm: int,
+    moving: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Fill `out` with w at each sample and, where `moving` (3,) has room for them, its three derivatives.
+
+    One loop serves both, and the warm-up: numba would compile everything that it calls once more for another.
+    """
+    rho, sigma, n = shape
+    curve = loop_curve(sigma, n)
+    slopes, cell = curve, cell_of(w)
+    at = (place(curve, n, w, cell), w, cell, 1.0)
+    if moving.size > 0:
+        slopes = curve_slopes(sigma, n)
+        moving[1], moving[2] = _slopes_at(curve, slopes, n, at)
+    for step in range(warm + u.size):
+        k = step - warm if step >= warm else step
+        if step > 0:
+            way = closing_m(u, v, warm) if k == 0 else u[k] - u[k - 1]
+            if k > 0 and v[k - 1] * v[k] < 0.0:
+                turn = turning_point(u[k - 1], v[k - 1], u[k], v[k], dt)
+                at = _move(curve, slopes, n, at, moving, rho * (turn - u[k - 1]))
+                way = u[k] - turn
+            at = _move(curve, slopes, n, at, moving, rho * way)
+        if step < warm:
+            continue
+        s, x, cell, direction = at
+        out[0, k] = x * direction
+        if moving.size > 0:
+            rate = direction * _rate(curve, n, s, x, cell) if x != 1.0 else 0.0
+            by_sigma, by_n = _slopes_at(curve, slopes, n, at)
+            out[1, k] = rate * moving[0] / rho
+            out[2, k] = rate * (moving[1] - by_sigma)
+            out[3, k] = rate * (moving[2] - by_n)
+
+
+def hysteresis_series(
     w: float, rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
 ) -> FloatArray:
     """Normalised hysteretic variable at each sample, shape (n,), between -1 and 1.
@@ -206,109 +272,11 @@ def hysteresis_along(
         dt: sampling interval (s).
         warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none.
     """
-    curve = loop_curve(sigma, n)
-    cell = cell_of(w)
-    at = (place(curve, n, w, cell), w, cell, 1.0)
-    if warm > 1:
-        at = _pass(curve, rho, n, at, u[:warm], v[:warm], dt, np.empty(0))
-        at = travel_along(curve, n, at, rho * closing_m(u, v, warm))
-    out = np.empty(u.size)
-    _pass(curve, rho, n, at, u, v, dt, out)
-    return out
+    out = np.empty((1, u.size))
+    _along(float(w), (float(rho), float(sigma), float(n)), u, v, dt, warm if warm > 1 else 0, np.empty(0), out)
+    return out[0]
 
 
-@njit(cache=True, nogil=True)
-def hysteresis_series(
-    w: float, rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
-) -> FloatArray:
-    """`hysteresis_along` as a loop of its own, for callers that are not compiled."""
-    return hysteresis_along(w, rho, sigma, n, u, v, dt, warm)
-
-
-Place = tuple[float, float, int, float]
-
-
-@njit()
-def _rate(curve: FloatArray, n: float, s: float, x: float, cell: int) -> float:
-    """f(x) as the slope of the curve."""
-    if cell == LAST:
-        return n * (1.0 - x)
-    t = s - curve[cell, 0]
-    return float(curve[cell, 1] + t * (2.0 * curve[cell, 2] + t * 3.0 * curve[cell, 3]))
-
-
-@njit()
-def _slope_at(curve: FloatArray, slopes: FloatArray, n: float, s: float, x: float, cell: int, k: int) -> float:
-    """S_sigma (k = 0) or S_n (k = 1) at a place, linear inside a cell."""
-    if cell == LAST:
-        beyond = math.log(max(1.0 - x, 1e-300) / (1.0 - NODES[LAST])) / (n * n) if k == 1 else 0.0
-        return float(slopes[LAST, k] + beyond)
-    share = (s - curve[cell, 0]) / (curve[cell + 1, 0] - curve[cell, 0])
-    return float(slopes[cell, k] + share * (slopes[cell + 1, k] - slopes[cell, k]))
-
-
-@njit()
-def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
-    """Reverse, if the motion does, and carry the derivatives over; `moving` is de/dln(rho), de/dsigma, de/dn."""
-    s, x, cell, direction = at
-    if distance * direction >= 0.0:
-        return at
-    before = _rate(curve, n, s, x, cell)
-    there = (0.0, _slope_at(curve, slopes, n, s, x, cell, 0), _slope_at(curve, slopes, n, s, x, cell, 1))
-    x, direction = -x, -direction
-    cell = cell_of(x)
-    s = place(curve, n, x, cell)
-    after = _rate(curve, n, s, x, cell)
-    here = (0.0, _slope_at(curve, slopes, n, s, x, cell, 0), _slope_at(curve, slopes, n, s, x, cell, 1))
-    for k in range(3):
-        moving[k] = here[k] - before / after * (moving[k] - there[k])
-    return s, x, cell, direction
-
-
-@njit()
-def _move(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
-    """Move by a signed distance (in 1/rho), reversing first where its sign says so."""
-    at = _turned(curve, slopes, n, at, moving, distance)
-    moving[0] += abs(distance)
-    return travel_along(curve, n, at, distance)
-
-
-@njit()
-def _pass_with_slopes(
-    curve: FloatArray,
-    slopes: FloatArray,
-    rho: float,
-    n: float,
-    at: Place,
-    moving: FloatArray,
-    u: FloatArray,
-    v: FloatArray,
-    dt: float,
-    out: FloatArray,
-) -> Place:
-    """Follow the samples of a motion; rows of `out`, where it has any: w and its three derivatives."""
-    for k in range(u.size):
-        if k > 0:
-            if v[k - 1] * v[k] < 0.0:
-                turn = turning_point(u[k - 1], v[k - 1], u[k], v[k], dt)
-                at = _move(curve, slopes, n, at, moving, rho * (turn - u[k - 1]))
-                at = _move(curve, slopes, n, at, moving, rho * (u[k] - turn))
-            else:
-                at = _move(curve, slopes, n, at, moving, rho * (u[k] - u[k - 1]))
-        if out.shape[1] > 0:
-            s, x, cell, direction = at
-            out[0, k] = direction * x
-            if x == 1.0:
-                out[1, k] = out[2, k] = out[3, k] = 0.0
-                continue
-            rate = direction * _rate(curve, n, s, x, cell)
-            out[1, k] = rate * moving[0] / rho
-            out[2, k] = rate * (moving[1] - _slope_at(curve, slopes, n, s, x, cell, 0))
-            out[3, k] = rate * (moving[2] - _slope_at(curve, slopes, n, s, x, cell, 1))
-    return at
-
-
-@njit(cache=True, nogil=True)
 def hysteresis_with_slopes(
     rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
 ) -> FloatArray:
@@ -323,15 +291,6 @@ def hysteresis_with_slopes(
         dt: sampling interval (s).
         warm: samples of one whole cycle that is run once before, from w = 0; 0 for none.
     """
-    curve, slopes = loop_curve(sigma, n), curve_slopes(sigma, n)
-    cell = cell_of(0.0)
-    start = place(curve, n, 0.0, cell)
-    at, moving = (start, 0.0, cell, 1.0), np.zeros(3)
-    moving[1] = _slope_at(curve, slopes, n, start, 0.0, cell, 0)
-    moving[2] = _slope_at(curve, slopes, n, start, 0.0, cell, 1)
-    if warm > 1:
-        at = _pass_with_slopes(curve, slopes, rho, n, at, moving, u[:warm], v[:warm], dt, np.empty((4, 0)))
-        at = _move(curve, slopes, n, at, moving, rho * closing_m(u, v, warm))
     out = np.empty((4, u.size))
-    _pass_with_slopes(curve, slopes, rho, n, at, moving, u, v, dt, out)
+    _along(0.0, (float(rho), float(sigma), float(n)), u, v, dt, warm if warm > 1 else 0, np.zeros(3), out)
     return out

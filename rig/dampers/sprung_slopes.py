@@ -86,11 +86,15 @@ def balance_slopes(
 
 
 @njit()
-def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float) -> None:
-    """`sprung_flow.moved`, and the slopes (2, parameters) of the piston's place and of w moved with it."""
-    speed, own = remembered(state), np.empty(p.size)
+def carried(
+    p: FloatArray, state: FloatArray, slopes: FloatArray, room: FloatArray, motion: Motion, current: float, dt: float
+) -> None:
+    """`sprung_flow.moved`, and the slopes (2, parameters) of the piston's place and of w moved with it.
+
+    What it computes with lies in `room` (3, parameters).
+    """
+    speed, own, by_last, by_first = remembered(state), room[0], room[1], room[2]
     at = at_current(p, current, speed)
-    by_last, by_first = np.empty(p.size), np.empty(p.size)
     count = steps_in(p, at, state[1], motion, dt)
     h, begins = dt / count, at_once(state, motion)
     v = piston_speed(p, at, begins, motion[1])
@@ -129,15 +133,13 @@ def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion
 
 @cache
 def slopes_along() -> Compiled:
-    """Force (N), (n,), and its slopes over the parameters, (n, parameters), along a sampled motion, compiled.
+    """Force (N), (n,), and its slopes over the parameters, (n, parameters), along a sampled motion.
 
     Called as `rig.dampers.kernel.series_of` is: (p, start, u, v, a, current, dt, warm).
     """
-    return cached(_pass(f"{fingerprint()} sprung_bouc_wen"))
+    compiled = compiled_pass()
 
-
-def _pass(key: str) -> Compiled:
-    def slopes_along(
+    def along(
         p: FloatArray,
         start: FloatArray,
         u: FloatArray,
@@ -147,17 +149,43 @@ def _pass(key: str) -> Compiled:
         dt: float,
         warm: int,
     ) -> tuple[FloatArray, FloatArray]:
-        n = u.size + 0 * len(key)
-        force, columns = np.empty(n), np.empty((n, p.size))
-        state, slopes = start.copy(), np.zeros((2, p.size))
+        state, slopes, room = start.copy(), np.zeros((2, p.size)), np.empty((3, p.size))
         if state.size > 2 and warm > 0:
             state[2] = np.mean(np.abs(v[:warm]))
-        for step in range(n + warm):
+        force, columns = np.empty(u.size), np.empty((u.size, p.size))
+        compiled(p, state, slopes, room, u, v, a, current, dt, warm, force, columns)
+        return force, columns
+
+    return along
+
+
+@cache
+def compiled_pass() -> Compiled:
+    """The pass itself, compiled; it fills force and columns. Arrays are made outside: compiling that takes seconds."""
+    return cached(_pass(f"{fingerprint()} sprung_bouc_wen"))
+
+
+def _pass(key: str) -> Compiled:
+    def slopes_along(
+        p: FloatArray,
+        state: FloatArray,
+        slopes: FloatArray,
+        room: FloatArray,
+        u: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        current: FloatArray,
+        dt: float,
+        warm: int,
+        force: FloatArray,
+        columns: FloatArray,
+    ) -> None:
+        for step in range(u.size + warm + 0 * len(key)):
             k = step - warm if step >= warm else step
             if step > 0:
                 last = k - 1 if k > 0 else warm - 1
                 motion = between_samples(u, v, a, dt, last, k)
-                carried(p, state, slopes, motion, 0.5 * (current[last] + current[k]), dt)
+                carried(p, state, slopes, room, motion, 0.5 * (current[last] + current[k]), dt)
             if step >= warm:
                 force[k] = p[OFFSET] + p[SPRING] * state[0] + p[MASS] * a[k]
                 for q in range(p.size):
@@ -165,6 +193,5 @@ def _pass(key: str) -> Compiled:
                 columns[k, OFFSET] += 1.0
                 columns[k, SPRING] += state[0]
                 columns[k, MASS] += a[k]
-        return force, columns
 
     return slopes_along

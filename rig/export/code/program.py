@@ -42,7 +42,7 @@ def program_of(model: DamperModel, p: FloatArray) -> Program:
     if model.states == 0:
         return _algebraic(kernel)
     rho, sigma, n, scale = _plain(kernel.loop)(p)
-    if _plain(has_curve)(rho, sigma, n):
+    if has_curve(rho, sigma, n):
         return _along_curve(kernel, rho, sigma, n, scale)
     return _integrated(model, kernel, p)
 

@@ -10,7 +10,8 @@ dy/ddelta for their slope. Three matrices (3, 9), one for each power of the curr
     columns  a, 1, v, |v|, u, force, y, dy/dbeta, dy/ddelta
 
 Where the current is constant one sum gives all three powers. `kernels` sums the same, compiled; importing it costs more
-than one fit in numpy takes, so it is used where numba is loaded already, or many samples pay for it.
+than one fit in numpy takes, and compiling it much more, so it is used where it is loaded already (by a search, or a
+bootstrap of many fits), or many samples pay for it.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ COLUMNS = 6  # that do not depend on the shape: a, 1, v, |v|, u, force
 PIECE = 65_536
 KEEP_BELOW = 200_000  # samples up to which they are joined once; more are streamed, which also saves the copy
 WORTH_COMPILING = 1_000_000  # samples from which a fit repays the import of numba
+KERNELS = "rig.identification.models.kernels"
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +183,8 @@ def squares(samples: Samples, shape: FloatArray, values: FloatArray, *, compiled
 
 
 def compiled_pays(samples: int) -> bool:
-    """Whether a fit to so many samples is faster with the compiled loops, the import of numba included."""
-    return "numba" in sys.modules or samples >= WORTH_COMPILING
+    """Whether a fit to so many samples is faster with the compiled loops, their compiling on first use included."""
+    return KERNELS in sys.modules or samples >= WORTH_COMPILING
 
 
 #: Regressors of the general form as (combination of a, 1, v, |v|, u; power of the current).

@@ -71,9 +71,10 @@ def test_where_no_folder_can_be_written_it_is_compiled_and_not_kept(monkeypatch:
 
 def test_no_two_models_share_an_index_or_a_symbol() -> None:
     models = [named for named in map(dampers.model, dampers.MODELS) if named.states]
-    names = {kernel.series_of(named).__qualname__ for named in models}  # type: ignore[arg-type]  # they have states
     assert len(models) > 3
-    assert len(names) == len(models)
+    for made in (kernel._pointwise_of, kernel._stepwise_of):
+        names = {made(named).__qualname__ for named in models}  # type: ignore[arg-type]  # they have states
+        assert len(names) == len(models)
 
 
 def test_functions_of_one_name_that_do_other_things_have_other_names() -> None:
@@ -101,12 +102,12 @@ def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) 
 @pytest.mark.parametrize("named", ["bouc_wen", "bingham"])
 def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_in_each_process(named: str) -> None:
     model = dampers.model(named)
-    made = [kernel.series_of(model), trajectory.trajectory_of(model), trajectory.inverse_of(model),  # type: ignore[arg-type]  # integrable
-            step.slice_of(model), sprung_slopes.slopes_along()]  # fmt: skip
+    made = [kernel._pointwise_of(model), kernel._stepwise_of(model), trajectory.trajectory_of(model),  # type: ignore[arg-type]  # integrable
+            trajectory.inverse_of(model), step.slice_of(model), sprung_slopes.compiled_pass()]  # type: ignore[arg-type]  # fmt: skip
     modules = (frames, conditioner, kernels, loop_curve, virtual_test)
     known = [value for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
     kept = [value for value in (*made, *known) if not isinstance(value._cache, NullCache)]
-    assert {"encode_frames", "encode_samples", "series", "run"} <= {value.py_func.__name__ for value in kept}
+    assert {"encode_frames", "encode_samples", "pointwise", "stepwise", "run"} <= {value.py_func.__name__ for value in kept}
     for value in kept:
         closed = [cell.cell_contents for cell in value.py_func.__closure__ or ()]
         assert not [over for over in closed if hasattr(over, "py_func")], value.__qualname__
