@@ -25,7 +25,7 @@ from rig.recording.atomic_write import open_to_append, room_for_truth
 
 SLOW_START_S = 3.0
 START_TIMEOUT_S = 180.0
-"""Without any processor time; the first start on a machine compiles its loop: 45 s on two busy cores."""
+"""Without any processor time; the first start on a machine compiles its loop: 8 s, 45 s on two busy cores."""
 STOP_TIMEOUT_S = 60.0
 EARLIER_RIG_S = 120.0
 """How long a simulated rig whose campaign was killed may need to come to rest and complete its truth file."""
@@ -313,7 +313,7 @@ def rig_in_use(
     def waiting(waited_s: float) -> None:
         check()
         if waited_s >= SLOW_START_S:
-            display.phase("starting the simulated rig (the first start on a computer takes up to a minute)")
+            display.phase("starting the simulated rig (the first start on a computer takes up to 15 s)")
 
     simulated = SimulatedRig.start(folder, options, specimen, waiting)
     rig = RigInUse(simulated.bench_path)

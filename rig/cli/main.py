@@ -7,8 +7,6 @@ import importlib
 import io
 import os
 import sys
-import tempfile
-import traceback
 import warnings
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
@@ -17,8 +15,8 @@ from typing import TextIO
 
 import click
 
-from rig import __version__
-from rig.cli.options import write_examples
+from rig import __version__, compile_notice
+from rig.cli.help_examples import write_examples
 from rig.cli.output import say, say_error, take_every_character, write_json
 from rig.errors import (
     EXIT_DEFECT,
@@ -200,10 +198,17 @@ def main(arguments: Sequence[str]) -> int:
 def answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
     """Run a command under a name as `main` does; return its exit code."""
     take_every_character()
+    compile_notice.report = _say_on_the_side
     with warnings.catch_warnings():
         warnings.simplefilter("always", DataWarning)
         warnings.showwarning = _show_warning
         return _answered(command, arguments, name)
+
+
+def _say_on_the_side(text: str) -> None:
+    """A line on standard error; a closed terminal does not prevent the command."""
+    with contextlib.suppress(OSError):
+        say(text, err=True)
 
 
 def _show_warning(
@@ -214,8 +219,7 @@ def _show_warning(
     own = issubclass(category, DataWarning)
     text = f"warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno, line).rstrip()
     del file
-    with contextlib.suppress(OSError):
-        say(text, err=True)
+    _say_on_the_side(text)
 
 
 def _answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
@@ -266,6 +270,10 @@ def _of_defect(error: Exception, arguments: Sequence[str], *, as_json: bool) -> 
 
 def _defect(error: Exception) -> str:
     """What is said of an error that no code expected; its traceback goes into a file in the temporary folder."""
+    # Loaded here: a third of the time of `rig --help` otherwise.
+    import tempfile
+    import traceback
+
     last = traceback.extract_tb(error.__traceback__)[-1]
     text = f"unexpected {type(error).__name__} in {Path(last.filename).name}, line {last.lineno}: {error}. "
     try:

@@ -10,14 +10,12 @@ import click
 from click.shell_completion import CompletionItem
 
 from rig.campaign_folder import LAST, LOGS, by_age, ignored, run_path
+from rig.cli.help_examples import write_examples
 from rig.cli.output import say
 from rig.errors import FileProblem
 from rig.files.quantity import Quantity
 from rig.matrix.methods import METHODS, check_method, method_names
 
-WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
-"""Of a command; an option and its value are one."""
-ON = " \\"
 FROM_END = re.compile(r"-[1-9]\d{0,5}")
 
 
@@ -128,29 +126,6 @@ class Command(click.Command):
         """The examples, one a line."""
         del ctx
         write_examples(formatter, self.examples)
-
-
-def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) -> None:
-    """Print examples in a help text as they are typed; a long one goes on behind a backslash, as a shell reads it."""
-    with formatter.section("Example" if len(examples) == 1 else "Examples"):
-        for example in examples:
-            room = formatter.width - formatter.current_indent
-            for line in continued(example, room):
-                formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
-
-
-def continued(command: str, width: int) -> list[str]:
-    """A command on lines of at most `width` signs where its words allow it, each but the last with a backslash."""
-    if len(command) <= width:
-        return [command]
-    lines = [""]
-    for word in WORD.findall(command):
-        if len(lines[-1]) + 1 + len(word) + len(ON) > width:
-            lines[-1] += ON
-            lines.append(f"    {word}")
-        else:
-            lines[-1] += f" {word}" if lines[-1] else word
-    return lines
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to standard output.")

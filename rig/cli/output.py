@@ -13,11 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from rig.document.terminal import lines, wrapped
 from rig.errors import RigError
 from rig.extras import how_to_install
-from rig.jobs.time_left import duration
-from rig.recording.atomic_write import write_durably
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -69,6 +66,8 @@ class JobBar(Protocol):
 def job_bar(what: str) -> Iterator[JobBar]:
     """A bar on the standard error with the number of finished jobs and the time left."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from rig.jobs.time_left import duration  # not needed for the help
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=console(as_json=True)) as bar:
@@ -144,6 +143,8 @@ def say(text: object, *, err: bool = False) -> None:
 def say_error(text: str) -> None:
     """Write a message on standard error; on a terminal it is wrapped between words."""
     if sys.stderr.isatty():
+        from rig.document.terminal import wrapped  # not needed for the help
+
         columns = shutil.get_terminal_size().columns
         parts = ((line for line, _ in wrapped(part, columns)) if part else ("",) for part in text.split("\n"))
         text = "\n".join(line for part in parts for line in part)
@@ -158,8 +159,9 @@ def write_pdf(document: Document, page: Path) -> Path:
         OSError: the file cannot be written.
     """
     try:
-        # loads numpy: not needed for the help
+        # numpy and the writer of files: not needed for the help
         from rig.document.pdf import pdf
+        from rig.recording.atomic_write import write_durably
     except ImportError as error:
         raise RigError(
             f"{page} was written, but the PDF was not: {error.name or 'reportlab'} is not installed. Fix: "
@@ -172,5 +174,7 @@ def write_pdf(document: Document, page: Path) -> Path:
 
 def show(blocks: Iterable[Block], on: Console) -> None:
     """Print blocks of a document as wide as the console."""
+    from rig.document.terminal import lines  # not needed for the help
+
     for line, style in lines(blocks, on.width):
         on.print(line, style=style, markup=False, highlight=False, soft_wrap=True)

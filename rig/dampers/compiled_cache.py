@@ -7,6 +7,8 @@ once lose one of the entries, and both take the same number: who reads later run
 from __future__ import annotations
 
 import contextlib
+import threading
+import time
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
@@ -18,10 +20,14 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import IndexDataCacheFile
+from numba.core.event import Listener, register
 from numba.core.registry import CPUDispatcher
+
+from rig import compile_notice
 
 F = TypeVar("F", bound=Callable[..., Any])
 LOCK = "save.lock"
+CHECKSUM = 4  # bytes behind an entry
 
 
 def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own options
@@ -55,8 +61,9 @@ def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own opti
 def _not_kept() -> None:
     """Warns, once."""
     text = (
-        "compiled models cannot be cached: neither the package's folder nor the user's cache folder is writable, so "
-        "the models are compiled again at every start (up to a minute). Fix: set NUMBA_CACHE_DIR to a writable folder"
+        "compiled models cannot be cached: neither the package's folder nor the user's cache folder is writable, or "
+        "the disk is full, so the models are compiled again at every start (up to 15 s). Fix: set NUMBA_CACHE_DIR to a "
+        "writable folder"
     )
     warnings.warn(text, RuntimeWarning, stacklevel=2)
 
@@ -103,14 +110,105 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def saves_alone(save: Callable[..., None]) -> Callable[..., None]:
-    """`IndexDataCacheFile.save` under the lock of the folder in which it saves."""
+    """`IndexDataCacheFile.save` under the lock of the folder in which it saves.
+
+    An index that cannot be read is begun again. A full disk or a folder that became read-only costs the entry only.
+    """
 
     @wraps(save)
     def locked(file: Any, *arguments: Any) -> None:  # noqa: ANN401 - numba's own
         with alone(Path(file._index_path).parent):  # noqa: SLF001 - numba tells it nowhere else
-            save(file, *arguments)
+            try:
+                try:
+                    save(file, *arguments)
+                except OSError:
+                    raise
+                except Exception:  # noqa: BLE001 - whatever a damaged pickle raises
+                    file.flush()
+                    save(file, *arguments)
+            except OSError:
+                _not_kept()
 
     return locked
 
 
+def loads_what_is_whole(load: Callable[..., Any]) -> Callable[..., Any]:
+    """`IndexDataCacheFile.load`; an entry that cannot be read is none, so that it is compiled and written again."""
+
+    @wraps(load)
+    def checked(file: Any, *arguments: Any) -> Any:  # noqa: ANN401 - numba's own
+        try:
+            return load(file, *arguments)
+        except Exception:  # noqa: BLE001 - whatever a damaged pickle raises, or a file of another user
+            return None
+
+    return checked
+
+
+def with_checksum(dump: Callable[..., bytes]) -> Callable[..., bytes]:
+    """`IndexDataCacheFile._dump`, its CRC-32 behind it: damaged machine code would end the process without a word."""
+
+    @wraps(dump)
+    def checked(file: Any, *arguments: Any) -> bytes:  # noqa: ANN401 - numba's own
+        data = dump(file, *arguments)
+        return data + zlib.crc32(data).to_bytes(CHECKSUM, "big")
+
+    return checked
+
+
+def by_checksum(load_data: Callable[..., Any]) -> Callable[..., Any]:
+    """`IndexDataCacheFile._load_data` of a file whose checksum is right.
+
+    Raises:
+        ValueError: it is another, or the file is of a version that wrote none.
+    """
+
+    @wraps(load_data)
+    def checked(file: Any, name: str) -> Any:  # noqa: ANN401 - numba's own
+        data = (Path(file._index_path).parent / name).read_bytes()  # noqa: SLF001 - numba tells it nowhere else
+        if zlib.crc32(data[:-CHECKSUM]).to_bytes(CHECKSUM, "big") != data[-CHECKSUM:]:
+            raise ValueError(f"{name}: damaged")
+        return load_data(file, name)
+
+    return checked
+
+
+class CompileNotice(Listener):
+    """Reports once, through `compile_notice.report`, that loops are being compiled and that it takes a while."""
+
+    def __init__(self) -> None:
+        self._depth, self._began_s, self._spent_s = 0, 0.0, 0.0
+        self._timer: threading.Timer | None = None
+        self._reported = False
+
+    def on_start(self, event: object) -> None:
+        """A function begins, perhaps inside another."""
+        del event
+        self._depth += 1
+        if self._depth > 1 or self._reported or compile_notice.report is None:
+            return
+        self._began_s = time.monotonic()
+        self._timer = threading.Timer(max(0.0, compile_notice.AFTER_S - self._spent_s), self._report)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def on_end(self, event: object) -> None:
+        """A function is compiled."""
+        del event
+        self._depth -= 1
+        if self._depth == 0 and self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+            self._spent_s += time.monotonic() - self._began_s
+
+    def _report(self) -> None:
+        report, self._reported = compile_notice.report, True
+        if report is not None:
+            report(compile_notice.TEXT)
+
+
 IndexDataCacheFile.save = saves_alone(IndexDataCacheFile.save)  # type: ignore[method-assign]  # there is no other way in
+IndexDataCacheFile.load = loads_what_is_whole(IndexDataCacheFile.load)  # type: ignore[method-assign]  # the same
+IndexDataCacheFile._dump = with_checksum(IndexDataCacheFile._dump)  # type: ignore[method-assign]  # noqa: SLF001 - the same
+IndexDataCacheFile._load_data = by_checksum(IndexDataCacheFile._load_data)  # type: ignore[method-assign]  # noqa: SLF001 - the same
+register("numba:compile", CompileNotice())

@@ -206,7 +206,7 @@ def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: 
 
 @njit()
 def _move(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
-    """Move by a signed distance (in 1/rho), reversing first where its sign says so; `moving` is empty: no derivatives."""
+    """Move by a signed distance (in 1/rho), reversing first where its sign says so; no derivatives if none are kept."""
     if moving.size > 0:
         if distance * at[3] < 0.0:
             at = _turned(curve, slopes, n, at, moving)

@@ -8,8 +8,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from rig.cli.help_examples import continued
 from rig.cli.main import cli
-from rig.cli.options import continued
 
 COMMANDS = sorted(set(cli.list_commands(click.Context(cli))) - {"scenarios"})
 """`rig scenarios` gives this process to another program, whose help it is."""

@@ -16,7 +16,7 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile, NullCache
 
-from rig import dampers
+from rig import compile_notice, dampers
 from rig.dampers import compiled_cache, kernel, loop_curve, sprung_slopes, trajectory
 from rig.hybrid import virtual_test
 from rig.identification.models import kernels
@@ -55,6 +55,45 @@ def test_where_no_lock_can_be_had_it_is_saved_all_the_same(tmp_path: Path, monke
     monkeypatch.setattr(compiled_cache, "import_module", lambda _: __import__("no_such_module"))
     locked(here := SimpleNamespace(_index_path=str(tmp_path / "loop.nbi")))
     assert saved == [nowhere, here]
+
+
+def test_a_damaged_entry_is_none_and_is_written_again(tmp_path: Path) -> None:
+    file = IndexDataCacheFile(str(tmp_path), "loop", "stamp")
+    file.save("key", b"machine code")
+    assert file.load("key") == b"machine code"
+    entry, index = tmp_path / "loop.1.nbc", tmp_path / "loop.nbi"
+    code = bytearray(entry.read_bytes())
+    code[code.index(b"machine")] ^= 1  # still a pickle
+    entry.write_bytes(code)
+    assert file.load("key") is None
+    for damaged in (index.read_bytes()[:40], b"", b"no pickle"):
+        index.write_bytes(damaged)
+        assert file.load("key") is None
+        file.save("key", b"machine code")
+        assert file.load("key") == b"machine code"
+
+
+def test_a_full_disk_costs_the_entry_only(tmp_path: Path) -> None:
+    def save(_file: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    compiled_cache._not_kept.cache_clear()  # said once in a process
+    with pytest.warns(RuntimeWarning, match="disk is full"):
+        compiled_cache.saves_alone(save)(SimpleNamespace(_index_path=str(tmp_path / "loop.nbi")))
+
+
+def test_slow_compiling_is_reported_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    reported: list[str] = []
+    monkeypatch.setattr(compile_notice, "report", reported.append)
+    monkeypatch.setattr(compile_notice, "AFTER_S", 0.02)
+    notice = compiled_cache.CompileNotice()
+    for _ in range(3):
+        notice.on_start(None)
+        notice.on_start(None)
+        time.sleep(0.015)
+        notice.on_end(None)
+        notice.on_end(None)
+    assert reported == [compile_notice.TEXT]
 
 
 def test_where_no_folder_can_be_written_it_is_compiled_and_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,7 +146,8 @@ def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_i
     modules = (frames, conditioner, kernels, loop_curve, virtual_test)
     known = [value for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
     kept = [value for value in (*made, *known) if not isinstance(value._cache, NullCache)]
-    assert {"encode_frames", "encode_samples", "pointwise", "stepwise", "run"} <= {value.py_func.__name__ for value in kept}
+    names = {value.py_func.__name__ for value in kept}
+    assert {"encode_frames", "encode_samples", "pointwise", "stepwise", "run"} <= names
     for value in kept:
         closed = [cell.cell_contents for cell in value.py_func.__closure__ or ()]
         assert not [over for over in closed if hasattr(over, "py_func")], value.__qualname__
