@@ -7,9 +7,22 @@ loaded for that.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
-AFTER_S = 2.0
 TEXT = "Compiling damper models for this computer (first use only, up to 15 s on two idle cores) ..."
 
-report: Callable[[str], None] | None = None
-"""Called once in a process with `TEXT`, from another thread, when compiling has taken `AFTER_S` in all."""
+
+@dataclass
+class Notice:
+    """What is done while models are compiled.
+
+    Attributes:
+        report: called once in a process with `TEXT`, from another thread; None: nothing is reported.
+        after_s: time spent on compiling, in all, after which it is called (s).
+    """
+
+    report: Callable[[str], None] | None = None
+    after_s: float = 2.0
+
+
+NOTICE = Notice()

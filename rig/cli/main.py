@@ -15,9 +15,10 @@ from typing import TextIO
 
 import click
 
-from rig import __version__, compile_notice
+from rig import __version__
 from rig.cli.help_examples import write_examples
 from rig.cli.output import say, say_error, take_every_character, write_json
+from rig.compile_notice import NOTICE
 from rig.errors import (
     EXIT_DEFECT,
     EXIT_DONE,
@@ -198,7 +199,7 @@ def main(arguments: Sequence[str]) -> int:
 def answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
     """Run a command under a name as `main` does; return its exit code."""
     take_every_character()
-    compile_notice.report = _say_on_the_side
+    NOTICE.report = _say_on_the_side
     with warnings.catch_warnings():
         warnings.simplefilter("always", DataWarning)
         warnings.showwarning = _show_warning

@@ -23,7 +23,7 @@ from numba.core.caching import IndexDataCacheFile
 from numba.core.event import Listener, register
 from numba.core.registry import CPUDispatcher
 
-from rig import compile_notice
+from rig.compile_notice import NOTICE, TEXT
 
 F = TypeVar("F", bound=Callable[..., Any])
 LOCK = "save.lock"
@@ -174,7 +174,7 @@ def by_checksum(load_data: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class CompileNotice(Listener):
-    """Reports once, through `compile_notice.report`, that loops are being compiled and that it takes a while."""
+    """Reports once, through `NOTICE`, that loops are being compiled and that it takes a while."""
 
     def __init__(self) -> None:
         self._depth, self._began_s, self._spent_s = 0, 0.0, 0.0
@@ -185,10 +185,10 @@ class CompileNotice(Listener):
         """A function begins, perhaps inside another."""
         del event
         self._depth += 1
-        if self._depth > 1 or self._reported or compile_notice.report is None:
+        if self._depth > 1 or self._reported or NOTICE.report is None:
             return
         self._began_s = time.monotonic()
-        self._timer = threading.Timer(max(0.0, compile_notice.AFTER_S - self._spent_s), self._report)
+        self._timer = threading.Timer(max(0.0, NOTICE.after_s - self._spent_s), self._report)
         self._timer.daemon = True
         self._timer.start()
 
@@ -202,13 +202,13 @@ class CompileNotice(Listener):
             self._spent_s += time.monotonic() - self._began_s
 
     def _report(self) -> None:
-        report, self._reported = compile_notice.report, True
+        report, self._reported = NOTICE.report, True
         if report is not None:
-            report(compile_notice.TEXT)
+            report(TEXT)
 
 
 IndexDataCacheFile.save = saves_alone(IndexDataCacheFile.save)  # type: ignore[method-assign]  # there is no other way in
 IndexDataCacheFile.load = loads_what_is_whole(IndexDataCacheFile.load)  # type: ignore[method-assign]  # the same
 IndexDataCacheFile._dump = with_checksum(IndexDataCacheFile._dump)  # type: ignore[method-assign]  # noqa: SLF001 - the same
 IndexDataCacheFile._load_data = by_checksum(IndexDataCacheFile._load_data)  # type: ignore[method-assign]  # noqa: SLF001 - the same
-register("numba:compile", CompileNotice())
+register("numba:compile", CompileNotice())  # type: ignore[no-untyped-call]  # numba has few annotations

@@ -272,9 +272,9 @@ def hysteresis_series(
         dt: sampling interval (s).
         warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none.
     """
-    out = np.empty((1, u.size))
+    out: FloatArray = np.empty((1, u.size))
     _along(float(w), (float(rho), float(sigma), float(n)), u, v, dt, warm if warm > 1 else 0, np.empty(0), out)
-    return out[0]
+    return out.reshape(u.size)
 
 
 def hysteresis_with_slopes(

@@ -15,9 +15,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from rig.dampers import model as damper_model
 from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
+from rig.dampers.catalogue import model as damper_model
 from rig.dampers.kernel import Compiled, force_series
 from rig.dampers.model import DamperModel
 from rig.dampers.separation import MotionScale, Search, Unknowns

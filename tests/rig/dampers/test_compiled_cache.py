@@ -16,7 +16,8 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile, NullCache
 
-from rig import compile_notice, dampers
+from rig import dampers
+from rig.compile_notice import NOTICE, TEXT
 from rig.dampers import compiled_cache, kernel, loop_curve, sprung_slopes, trajectory
 from rig.hybrid import virtual_test
 from rig.identification.models import kernels
@@ -84,8 +85,8 @@ def test_a_full_disk_costs_the_entry_only(tmp_path: Path) -> None:
 
 def test_slow_compiling_is_reported_once(monkeypatch: pytest.MonkeyPatch) -> None:
     reported: list[str] = []
-    monkeypatch.setattr(compile_notice, "report", reported.append)
-    monkeypatch.setattr(compile_notice, "AFTER_S", 0.02)
+    monkeypatch.setattr(NOTICE, "report", reported.append)
+    monkeypatch.setattr(NOTICE, "after_s", 0.02)
     notice = compiled_cache.CompileNotice()
     for _ in range(3):
         notice.on_start(None)
@@ -93,7 +94,7 @@ def test_slow_compiling_is_reported_once(monkeypatch: pytest.MonkeyPatch) -> Non
         time.sleep(0.015)
         notice.on_end(None)
         notice.on_end(None)
-    assert reported == [compile_notice.TEXT]
+    assert reported == [TEXT]
 
 
 def test_where_no_folder_can_be_written_it_is_compiled_and_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
