@@ -1,7 +1,7 @@
 """The pictures in README.md, of a campaign on the simulated rig: `python3 dev.py pictures` (2 minutes; wants Chromium).
 
-`examples/table1.toml` is run five times faster than life; the page is taken while it runs, the first screen of the
-report and the two printed pages for a customer at its end.
+`examples/table1.toml` is run five times faster than life; the page is taken while it runs; at its end, the first screen
+of the report, the two printed pages for a customer, and the page of the bench with a plan.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 PAGES = {"page": (1366, 940, 1.0), "page-phone": (390, 844, 1.0), "page-4k": (3840, 2160, 0.5)}
 """Picture of the page: width and height of the window, and the factor by which the picture is scaled."""
+BENCH_SIZE = {"width": 1366, "height": 768}
 REPORT_SIZE = {"width": 1366, "height": 768}
 PAPER_SCALE = 1.35
 """Pixels per point of the printed pages."""
@@ -70,6 +72,32 @@ def take_pages(browser: Browser, url: str, out: Path) -> None:
         page.wait_for_function(WHEN, timeout=WAIT_MS)
         keep(page.screenshot(), out / f"{name}.png", scale)
         page.close()
+
+
+def take_bench(browser: Browser, runs: Path, out: Path) -> None:
+    """The page of a bench with the plan of a matrix and the runs on file."""
+    command = [
+        sys.executable, "-m", "rig.cli.main", "page", "--bench", str(ROOT / "examples" / "demo-bench.toml"),
+        "--simulate", "--speed", SPEED, "--json", "--out", str(runs),
+    ]  # fmt: skip
+    environment = {**os.environ, "XDG_STATE_HOME": str(runs)}
+    process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    try:
+        lines = process.stdout or ()
+        url = json.loads(b"".join(line for _, line in zip(range(3), lines, strict=False)))["page"]
+        page = browser.new_page(viewport=BENCH_SIZE, color_scheme="light", bypass_csp=True)
+        page.goto(url)
+        page.locator("#name").fill("A. Operator")
+        page.locator("#take").click()
+        page.locator("#matrices [data-name='table1.toml']").click()
+        page.wait_for_selector("#plan table", timeout=WAIT_MS)
+        page.locator("#serial").fill("MR-002")
+        page.mouse.move(0, 0)
+        keep(page.screenshot(), out / "page-bench.png")
+        page.close()
+    finally:
+        process.terminate()
+        process.communicate()
 
 
 def take_report(browser: Browser, report: Path, out: Path) -> None:
@@ -125,6 +153,7 @@ def main() -> int:
                 process.terminate()
         take_report(browser, Path(result["report"]), out)
         take_paper(Path(result["campaign"]), out)
+        take_bench(browser, Path(folder), out)
         browser.close()
     return 0
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Positive = Literal["rebound", "compression"]
+Paper = Literal["A4", "letter"]
 Number = TypeVar("Number", float, "NDArray[np.float64]")
 
 
@@ -36,7 +37,7 @@ def _units(dimension: str) -> tuple[str, ...]:
 FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS = map(_units, ("force", "length", "speed", "temperature"))
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "force": FORCE_UNITS, "displacement": LENGTH_UNITS, "speed": SPEED_UNITS, "temperature": TEMPERATURE_UNITS,
-    "positive": get_args(Positive),
+    "positive": get_args(Positive), "paper": get_args(Paper),
 }
 """Entry of `[display]` -> the values that it may have."""
 
@@ -97,13 +98,14 @@ class Shown:
 
 @dataclass(frozen=True)
 class Display:
-    """`[display]`: units by name, and the direction in which force, displacement and speed are positive."""
+    """`[display]`: units by name, the direction in which force, displacement and speed are positive, and the paper."""
 
     force_unit: str = "N"
     displacement_unit: str = "mm"
     speed_unit: str = "m/s"
     temperature_unit: str = "degC"
     positive: Positive = "rebound"
+    paper: Paper = "A4"
 
     @classmethod
     def of(cls, *tables: Mapping[str, Any]) -> Display:
@@ -121,7 +123,8 @@ class Display:
                 raise ValueError(f"[display] {name}: unknown key; allowed here: {', '.join(CHOICES)}")
             if value not in CHOICES[name]:
                 raise ValueError(f"[display] {name} = {value!r:.40}: allowed: {', '.join(CHOICES[name])}")
-        return cls(**{name if name == "positive" else f"{name}_unit": value for name, value in entries.items()})
+        without_unit = {"positive", "paper"}
+        return cls(**{name if name in without_unit else f"{name}_unit": value for name, value in entries.items()})
 
     @property
     def force(self) -> Shown:

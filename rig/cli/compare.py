@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), help="Write the comparison to this HTML file.")
 @click.option(
     "--pdf", "on_paper", is_flag=True,
-    help="Also write a PDF (A4) next to the HTML file. Without --out, both are written next to the first run, as "
+    help="Also write a PDF next to the HTML file. Without --out, both are written next to the first run, as "
          "RUN-comparison.html and RUN-comparison.pdf.",
 )  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="Show every value, not only values that changed or failed.")

@@ -165,7 +165,7 @@ def write_pdf(document: Document, page: Path) -> Path:
     except ImportError as error:
         raise RigError(
             f"{page} was written, but the PDF was not: {error.name or 'reportlab'} is not installed. Fix: "
-            f"{how_to_install('pdf')}, or print the page from a browser (the page has an A4 print style)"
+            f"{how_to_install('pdf')}, or print the page from a browser (the page has a print style)"
         ) from error
     path = page.with_suffix(".pdf")
     write_durably(path, pdf(document))

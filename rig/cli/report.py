@@ -19,8 +19,8 @@ from rig.text_file import read_json
     "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf --summary --details customer.toml",
 ))  # fmt: skip
 @run_argument
-@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf (A4, with vector graphics, bookmarks and "
-                                                      "page numbers).")
+@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf (with vector graphics, bookmarks and "
+                                                      "page numbers; paper size: [display] paper).")
 @click.option("--summary", is_flag=True, help="With --pdf: write only the first two pages (verdict, forces, loops, "
                                               "conditions, signatures).")
 @click.option("--details", type=click.Path(path_type=Path), metavar="FILE",

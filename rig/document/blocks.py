@@ -6,7 +6,7 @@ import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rig.document.numbers import number
 from rig.document.words import PLAIN, Key, Severity, Words, plain
@@ -224,12 +224,14 @@ Blocks = list[Block]
 class Document:
     """A title, for the window and the file's properties, and its blocks in order.
 
-    `mark` is shown on every page and, on screen, always: what no reader may overlook; empty for none.
+    `mark` is shown on every page and, on screen, always: what no reader may overlook; empty for none. `paper` is the
+    size of printed pages.
     """
 
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)
     mark: str = ""
+    paper: Literal["A4", "letter"] = "A4"
 
     @property
     def listed(self) -> Iterator[Heading]:

@@ -22,8 +22,10 @@ def page(document: b.Document) -> str:
     links = _contents(document)
     body = "".join(map(_block, document.blocks)).replace(CONTENTS, links)
     mark, sheet = "", STYLE_SHEET
+    if document.paper != "A4":
+        sheet += f"@page {{ size:{document.paper}; }}\n"
     if document.mark:
-        mark, sheet = f'<div class="mark">{_text(document.mark)}</div>', STYLE_SHEET + _marked_print(document.mark)
+        mark, sheet = f'<div class="mark">{_text(document.mark)}</div>', sheet + _marked_print(document.mark)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'

@@ -1,4 +1,7 @@
-"""Documents as PDF: A4, lines and letters as vectors, bookmarks, every page with its number. No browser is needed."""
+"""Documents as PDF (A4 or US letter): lines and letters as vectors, bookmarks, every page with its number.
+
+No browser is needed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from typing import Any
 from reportlab.graphics import renderPDF
 from reportlab.graphics import shapes as graphics
 from reportlab.lib.colors import HexColor
-from reportlab.lib.pagesizes import A4
+from reportlab.lib.pagesizes import A4, letter
 from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
 from reportlab.pdfbase.pdfmetrics import stringWidth
@@ -44,7 +47,7 @@ from rig.document.words import PLAIN, Code, Key, Label, Shade, Span, Strong, Wor
 
 MARGIN = 11 * mm
 BOTTOM = 13 * mm
-WIDTH = A4[0] - 2 * MARGIN
+PAPERS = {"A4": A4, "letter": letter}
 FRAME = 6.0
 """Padding of the library's frames, points."""
 INK, SOFT, LINE = HexColor(style.INK), HexColor(style.SOFT), HexColor(style.LINE)
@@ -55,7 +58,6 @@ HIGH_CARD, LOW_CARD, FEW_ROWS, TITLE = 52 * mm, 37 * mm, 24 * mm, 12 * mm
 GAP = 2 * mm
 MARK_TOP, MARK_HEIGHT = 9 * mm, 4.6 * mm
 """Of a document's mark: its lower edge below that of the page, and its height."""
-SHEET_HEIGHT = A4[1] - MARGIN - BOTTOM - 2 * FRAME - 2.0
 SHEET_SCALES = (1.4, 1.32, 1.24, 1.16, 1.08, 1.0, 0.92, 0.84)
 """Sizes of letters at which the blocks of one page are tried; from the last on everything is made smaller."""
 FUZZ = 0.5
@@ -74,18 +76,22 @@ Flowables = list[Any]
 def pdf(document: b.Document) -> bytes:
     """A document as a PDF."""
     fonts.register()
-    target = io.BytesIO()
+    target, paper = io.BytesIO(), PAPERS[document.paper]
+    width = paper[0] - 2 * MARGIN
     template = SimpleDocTemplate(
-        target, pagesize=A4, leftMargin=MARGIN - FRAME, rightMargin=MARGIN - FRAME, topMargin=MARGIN,
+        target, pagesize=paper, leftMargin=MARGIN - FRAME, rightMargin=MARGIN - FRAME, topMargin=MARGIN,
         bottomMargin=BOTTOM,
         title=known(document.title), creator="mr-damper-rig",
     )  # fmt: skip
-    flow = list(_flow(document.blocks, WIDTH))
+    flow = list(_flow(document.blocks, width))
+    for sheet in flow:
+        if isinstance(sheet, _OnePage):
+            sheet.room = paper[1] - MARGIN - BOTTOM - 2 * FRAME - 2.0
     links = [(block.name, block.listed) for block in document.listed]
-    filled = [part for one in flow for part in (_contents(links) if isinstance(one, _ContentsPlace) else [one])]
+    filled = [part for one in flow for part in (_contents(links, width) if isinstance(one, _ContentsPlace) else [one])]
     while filled and isinstance(filled[-1], PageBreak):  # a document that ends with a sheet has no empty page
         filled.pop()
-    template.build(filled, canvasmaker=partial(_NumberedCanvas, mark=document.mark))
+    template.build(filled, canvasmaker=partial(_NumberedCanvas, mark=document.mark, paper=paper))
     return target.getvalue()
 
 
@@ -102,10 +108,10 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annot
     lines of the contents on it: anchor, and where the number of its page ends (points).
     """
 
-    def __init__(self, *arguments: object, mark: str = "", **options: object) -> None:
+    def __init__(self, *arguments: object, mark: str, paper: tuple[float, float], **options: object) -> None:
         super().__init__(*arguments, **options)
         self._kept: list[dict[str, Any]] = []
-        self._mark = mark
+        self._mark, self._paper = mark, paper
         self.marks: list[tuple[int, str, str, float]] = []
         self.entries: list[tuple[str, float, float]] = []
 
@@ -138,13 +144,14 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annot
         self.setFont("Sheet", 7)
         self.setFillColor(SOFT)
         self.drawString(MARGIN, 7 * mm, str(self._doc.info.title)[:110])
-        self.drawRightString(A4[0] - MARGIN, 7 * mm, number)
+        width, height = self._paper
+        self.drawRightString(width - MARGIN, 7 * mm, number)
         if self._mark:
             self.setFillColor(HexColor(style.MARK_PAPER))
-            self.rect(MARGIN, A4[1] - MARK_TOP, A4[0] - 2 * MARGIN, MARK_HEIGHT, stroke=0, fill=1)
+            self.rect(MARGIN, height - MARK_TOP, width - 2 * MARGIN, MARK_HEIGHT, stroke=0, fill=1)
             self.setFillColor(HexColor(style.MARK_INK))
             self.setFont("Sheet-Bold", 8)
-            self.drawCentredString(A4[0] / 2, A4[1] - MARK_TOP + 1.4 * mm, known(self._mark))
+            self.drawCentredString(width / 2, height - MARK_TOP + 1.4 * mm, known(self._mark))
             self.setFillColor(SOFT)
 
 
@@ -191,36 +198,36 @@ class _ContentsLine(Flowable):  # type: ignore[misc]  # the same
         self.canv.entries.append((self._name, *self.canv.absolutePosition(self.width, 3.0)))
 
 
-def _contents(links: Sequence[tuple[str, str]]) -> Flowables:
+def _contents(links: Sequence[tuple[str, str]], width: float) -> Flowables:
     """The contents in two columns, downwards."""
     if not links:
         return []
     half = math.ceil(len(links) / 2)
-    lines = [_ContentsLine(name, title, WIDTH / 2 - 4 * GAP) for name, title in links]
+    lines = [_ContentsLine(name, title, width / 2 - 4 * GAP) for name, title in links]
     rows = [[lines[row], lines[half + row] if half + row < len(lines) else ""] for row in range(half)]
     title = Flow("Contents", _style("h2"))
-    return [title, Grid(rows, colWidths=[WIDTH / 2] * 2, style=_BARE), Spacer(0, GAP)]
+    return [title, Grid(rows, colWidths=[width / 2] * 2, style=_BARE), Spacer(0, GAP)]
 
 
 class _OnePage(Flowable):  # type: ignore[misc]  # the same
-    """Blocks on a page of their own, as large as they fit on it."""
+    """Blocks on a page of their own, as large as they fit on it; `room` is the height of the page for them (points)."""
 
-    def __init__(self, blocks: Sequence[b.Block]) -> None:
+    def __init__(self, blocks: Sequence[b.Block], width: float) -> None:
         super().__init__()
-        self._blocks = blocks
-        self._scale, self._content = 1.0, KeepInFrame(WIDTH, SHEET_HEIGHT, [])
+        self._blocks, self._width, self.room = blocks, width, 0.0
+        self._scale, self._content = 1.0, KeepInFrame(width, 0.0, [])
 
     def wrap(self, *_room: float) -> tuple[float, float]:
         """The size of the page."""
         for self._scale in SHEET_SCALES:
-            width, height = WIDTH / self._scale, SHEET_HEIGHT / self._scale
+            width, height = self._width / self._scale, self.room / self._scale
             last = self._scale == SHEET_SCALES[-1]
             flow = _unbroken(self._blocks, width)
             self._content = KeepInFrame(width, height, flow, mode="shrink" if last else "overflow")
             self._content.wrapOn(self.canv, width, height)
             if self._content.height < height - FUZZ:  # one that overflows states the height that it may have
                 break
-        self.width, self.height = WIDTH, self._scale * self._content.height
+        self.width, self.height = self._width, self._scale * self._content.height
         return self.width, self.height
 
     def draw(self) -> None:
@@ -495,8 +502,8 @@ def _logo(logo: Picture, room: float) -> Any:  # noqa: ANN401 - the library's
     return drawing
 
 
-def _sheet(block: b.Sheet, _width: float) -> Iterator[Any]:
-    yield _OnePage(block.blocks)
+def _sheet(block: b.Sheet, width: float) -> Iterator[Any]:
+    yield _OnePage(block.blocks, width)
     yield PageBreak()
 
 

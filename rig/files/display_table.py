@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from rig.display import FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, Display, Positive
+from rig.display import FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, Display, Paper, Positive
 from rig.files.section import Section
 
 ForceUnit = Literal[FORCE_UNITS]  # type: ignore[valid-type]  # one list serves the schema and the message
@@ -30,6 +30,7 @@ class DisplayTable(Section):
     positive: Positive | None = Field(
         default=None, description="direction in which force, displacement and speed are positive; default: rebound"
     )
+    paper: Paper | None = Field(default=None, description="paper size of printed reports and PDF files; default: A4")
 
 
 def display_of(*tables: DisplayTable) -> Display:

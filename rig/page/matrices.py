@@ -7,11 +7,16 @@ the list and never made into paths; no link is followed.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import subprocess
+import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from drivers.processes import own_program
 from rig.errors import FileProblem
 from rig.files.toml_lines import structure_problem
 from rig.text_file import read_text
@@ -21,6 +26,8 @@ MOST_FILES = 300
 LONGEST_NAME = 120
 LINK = "is a symbolic link, which may point outside this folder. Fix: copy the matrix file into this folder"
 OTHER = "not a matrix file: it has no [specimen] table"
+READ_HERE_BYTES, READ_S, NICENESS = 100_000, 120.0, 10
+"""So much is read in this process: 0.05 s; the other process has so long, at this priority."""
 NO_MATRIX = frozenset({"limits", "actuator", "benchmark", "data", "body", "profile"})
 """Tables of the other files of users."""
 
@@ -51,9 +58,9 @@ class Matrices:
         except OSError as error:
             return [], f"{self.folder}: cannot be read: {error.strerror}"
         usable = [name for name in names if _usable(name)]
+        self._read(usable[:MOST_FILES])
         matrices = [entry for name in usable[:MOST_FILES] if (entry := self._entry(name)) is not None]
         matrices.sort(key=lambda entry: entry["remark"] == OTHER)
-        self._known = {name: self._known[name] for name in usable if name in self._known}
         notes = []
         if len(usable) < len(names):
             notes.append(f"{len(names) - len(usable)} files whose names contain unusual characters are not listed")
@@ -69,16 +76,44 @@ class Matrices:
 
     def _entry(self, name: str) -> dict[str, Any] | None:
         """One file; None where it is another of the user's files or is gone."""
-        path = self.folder / name
-        try:
-            state = path.lstat()
-        except OSError:
-            return None
-        stamp = state.st_mtime_ns, state.st_size, state.st_ino
-        known = self._known.get(name)
-        if known is None or known[0] != stamp:
-            known = self._known[name] = stamp, _described(path)
-        return known[1]
+        return self._known[name][1] if name in self._known else None
+
+    def _read(self, names: list[str]) -> None:
+        """Read the files that have changed; where that is much, in a process of low priority."""
+        stamps: dict[str, tuple[int, int, int]] = {}
+        for name in names:
+            with contextlib.suppress(OSError):
+                state = (self.folder / name).lstat()
+                stamps[name] = state.st_mtime_ns, state.st_size, state.st_ino
+        self._known = {name: known for name, known in self._known.items() if name in stamps}
+        changed = [name for name, stamp in stamps.items() if name not in self._known or self._known[name][0] != stamp]
+        small = sum(stamps[name][1] for name in changed) <= READ_HERE_BYTES
+        read = described(self.folder, changed) if small else _described_apart(self.folder, changed)
+        self._known |= {name: (stamps[name], entry) for name, entry in read.items()}
+
+
+def described(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any] | None]:
+    """Files by name; None for other files of users."""
+    return {name: _described(folder / name) for name in names}
+
+
+def _described_apart(folder: Path, names: list[str]) -> dict[str, dict[str, Any] | None]:
+    """`described` by another process; nothing where that fails: the next look tries again."""
+    request, silent = json.dumps([str(folder), names]), subprocess.DEVNULL
+    with contextlib.suppress(OSError, ValueError, subprocess.SubprocessError):
+        done = subprocess.run(
+            own_program("rig.page.matrices"), input=request.encode(), stdout=subprocess.PIPE, stderr=silent,
+            timeout=READ_S, check=True, start_new_session=True,
+        )
+        return dict(json.loads(done.stdout))
+    return {}
+
+
+def main() -> None:
+    """Describe the files that standard input names."""
+    os.nice(NICENESS)
+    folder, names = json.load(sys.stdin)
+    sys.stdout.write(json.dumps(described(Path(folder), names)))
 
 
 def _usable(name: str) -> bool:
@@ -106,3 +141,7 @@ def _described(path: Path) -> dict[str, Any] | None:
     with contextlib.suppress(KeyError, TypeError):
         entry["serial_number"] = str(data["specimen"]["serial_number"])[:80]
     return entry
+
+
+if __name__ == "__main__":
+    main()

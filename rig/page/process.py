@@ -27,6 +27,8 @@ from rig.page.watched_run import WatchedRun
 
 OTHER_PORTS = 50
 """Tried in turn where a bench has no port yet."""
+SWITCH_S = 0.0005
+"""How long a thread that reads files may keep the interpreter from the loop, again after each message that is sent."""
 LAST_WORDS_S = 1.0
 """After its campaign's end: the last state is still shown to viewers."""
 
@@ -116,6 +118,7 @@ async def _serve(
     shown: WatchedRun | Desk, access: Access, sock: socket.socket, tls: ssl.SSLContext | None,
     announce: Callable[[str], object], *, tied: bool = False,
 ) -> None:
+    sys.setswitchinterval(SWITCH_S)
     loop, ending = asyncio.get_running_loop(), asyncio.Event()
     page = PageServer(shown, access, ending.set)
     for number in (signal.SIGINT, signal.SIGTERM):

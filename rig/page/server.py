@@ -8,14 +8,15 @@ for by any other client, least of all by the rig.
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import math
 import socket
 import ssl
 import struct
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
@@ -60,7 +61,9 @@ SENT_AHEAD = 1 << 16
 PIECE = 400
 """Points of a run in one message: what a Stop waits for while it is written takes milliseconds."""
 TOO_MUCH = 1008
-MESSAGE_HEAD, LONG_MESSAGE_HEAD = struct.Struct(">BBH"), struct.Struct(">BBQ")
+SHORT_HEAD, HEAD, LONG_HEAD = struct.Struct(">BB"), struct.Struct(">BBH"), struct.Struct(">BBQ")
+TEXT, BINARY = 0x81, 0x82
+"""First byte of a message: whole, and of which kind."""
 REPORTS = "/report/"
 _OPEN: dict[ServerConnection, bool] = {}
 """Connections of this process, oldest first, and whether each has shown a valid token."""
@@ -119,8 +122,9 @@ class PageServer:
         self._finished: dict[ServerConnection, WatchedRun] = {}
         self._frames: tuple[RingReader, Frames] | None = None
         self._sent_lease: object = None
-        self._sent_run: dict[str, Any] = {}
-        self._sent_results: dict[str, Any] = {}
+        self._known: WatchedRun | None = None
+        self._sent_run: list[str] = []
+        self._sent_results: dict[str, str] = {}
         self._reading_run = asyncio.Lock()
         self._reading = asyncio.Lock()
         self._recorded: dict[tuple[str, int], bytes | None] = {}
@@ -340,16 +344,15 @@ class PageServer:
                 self._finished[connection] = finished
             run = self._finished.get(connection, self._run)
             if client.bench and desk is not None:
-                first = [*map(written, (desk.status(), self._history(desk)))]
-                texts = [written(await asyncio.to_thread(run.state)), *first]
+                shown = desk.status(), self._history(desk)
+                sent = await asyncio.to_thread(lambda: framed(map(written, (run.state(), *shown))))
             else:
-                texts = await asyncio.to_thread(_whole, run, read_events=run is not self._run)
+                sent = await asyncio.to_thread(lambda: framed(self._whole(run)))
             if connection not in self._clients:
                 self._finished.pop(connection, None)
                 return
             self._informed[connection] = client
-            for text in texts:  # without waiting: no change may come between
-                broadcast([connection], text)
+            send_framed([connection], sent)  # without waiting: no change may come between
         if connection in self._finished:
             broadcast([connection], written(self._standing(connection, client)))
 
@@ -424,10 +427,8 @@ class PageServer:
                 ring.skip_to_newest()
                 self._frames = ring, Frames(*self._run.frames_of())
             frame = self._frames[1].frame(ring.read_bytes(), self._now_ns() * 1e-9)
-        sent = binary_message(frame)  # framed once for all: half of what `broadcast` costs for each browser
-        for one in self._on_run():
-            if one.state is State.OPEN and one.transport.get_write_buffer_size() < MOST_UNSENT:
-                one.transport.write(sent)
+        ready = [one for one in self._on_run() if one.transport.get_write_buffer_size() < MOST_UNSENT]
+        send_framed(ready, web_message(frame, BINARY))  # half of what `broadcast` costs for each browser
 
     def send_changes(self) -> None:
         """State and lease, and what has changed of plan, verdicts and events, once it has been read."""
@@ -450,40 +451,50 @@ class PageServer:
     async def _send_read(self, run: WatchedRun, parts: frozenset[str], *, anew: bool) -> None:
         """Read what has changed of the run in a thread, and send it."""
         async with self._reading_run:
-            texts, state = await asyncio.to_thread(self._read, run, parts, anew=anew)
+            sent, state = await asyncio.to_thread(self._read, run, parts, anew=anew)
             if run is not self._run:
                 return
             if run.live_folder is not None:
                 self._finished.clear()  # every browser shows a run that moves the rig
-            for text in texts:
-                broadcast(self._on_run(), text)
+            send_framed(self._on_run(), sent)
             if state is not None:
                 self._send_state(state)
 
     def _read(
         self, run: WatchedRun, parts: frozenset[str], *, anew: bool
-    ) -> tuple[list[str], dict[str, Any] | None]:
+    ) -> tuple[bytes, dict[str, Any] | None]:
         """Messages on what has changed of a run, and its state where that is sent as well."""
         texts: list[str] = []
         if anew or "run" in parts:
-            description = run.description()
+            description = _description(run)
             if description != self._sent_run:
                 self._sent_run = description
-                texts += in_pieces(description)
+                texts += description
         if anew or "results" in parts:
-            results = run.results()
-            before, self._sent_results = self._sent_results, results["points"]
+            before, self._sent_results = self._sent_results, _results(run)
             if anew or not before.keys() <= self._sent_results.keys():
-                texts += in_pieces(results)
+                texts += in_pieces(RESULTS, self._sent_results)
             else:
                 changed = {name: one for name, one in self._sent_results.items() if before.get(name) != one}
-                texts.append(written({**results, "points": changed, "all": False}))
+                texts += in_pieces({**RESULTS, "all": False}, changed)
+        self._known = run
         events = run.news()
         state = run.state() if anew else None
         if events or anew:
             shown = list(run.events) if anew else events
             texts.append(written({"type": "events", "events": shown, "all": anew}))
-        return texts, state
+        return framed(texts), state
+
+    def _whole(self, run: WatchedRun) -> list[str]:
+        """Messages with all that there is to know of a run; of the run of now as it was sent to the others."""
+        if run is self._known:
+            described, results = self._sent_run, self._sent_results
+        else:
+            described, results = _description(run), _results(run)
+        if run is not self._run:
+            run.news()
+        events = {"type": "events", "events": list(run.events), "all": True}
+        return [*described, *in_pieces(RESULTS, results), written(run.state()), written(events)]
 
     def _look_after(self, desk: Desk) -> None:
         """What runs on the bench now; what has ended goes into its history."""
@@ -495,34 +506,80 @@ class PageServer:
             self._send_status(desk)
 
 
-def _whole(run: WatchedRun, *, read_events: bool) -> list[str]:
-    """Messages with all that there is to know of a run."""
-    if read_events:
-        run.news()
-    events = {"type": "events", "events": list(run.events), "all": True}
-    return [
-        *in_pieces(run.description()), *in_pieces(run.results()), written(run.state()), written(events)
-    ]  # fmt: skip
+RESULTS = {"type": "results"}
 
 
-def in_pieces(message: dict[str, Any]) -> Iterator[str]:
-    """A message as JSON; one with many points follows after messages with a part of its points each."""
-    points = message["points"]
-    if len(points) > PIECE:
-        listed = list(points.items() if isinstance(points, dict) else points)
-        for begin in range(0, len(listed), PIECE):
-            part = listed[begin : begin + PIECE]
-            piece = dict(part) if isinstance(points, dict) else part
-            yield written({"type": "points", "of": message["type"], "begin": begin == 0, "points": piece})
-        message = {**message, "points": None}
-    yield written(message)
+def _description(run: WatchedRun) -> list[str]:
+    """Messages that describe a run."""
+    with _no_collection():
+        described = run.description()
+        points = {str(number): written(one) for number, one in enumerate(described.pop("points"))}
+    return list(in_pieces(described, points, listed=True))
 
 
-def binary_message(content: bytes) -> bytes:
-    """An unmasked WebSocket message of one frame (RFC 6455, section 5.2)."""
-    short = len(content) < 1 << 16
-    head = MESSAGE_HEAD.pack(0x82, 126, len(content)) if short else LONG_MESSAGE_HEAD.pack(0x82, 127, len(content))
-    return head + content
+def _results(run: WatchedRun) -> dict[str, str]:
+    """Verdicts by point, as JSON: thousands of objects would be looked through again and again for garbage."""
+    with _no_collection():
+        return {name: written(one) for name, one in run.results()["points"].items()}
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """While files of thousands of points are read in a thread; a collection would stop the loop for up to 0.1 s."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+def in_pieces(message: dict[str, Any], points: Mapping[str, str], *, listed: bool = False) -> Iterator[str]:
+    """A message as JSON; one with many points follows after messages with a part of its points each.
+
+    Args:
+        message: without its points.
+        points: as JSON, by name.
+        listed: their names do not matter: `points` is a list.
+    """
+
+    def joined(names: Sequence[str]) -> str:
+        if listed:
+            return f"[{', '.join(points[name] for name in names)}]"
+        return f"{{{', '.join(f'{json.dumps(name)}: {points[name]}' for name in names)}}}"
+
+    names, head = list(points), written(message)[:-1]
+    if len(names) <= PIECE:
+        yield f'{head}, "points": {joined(names)}}}'
+        return
+    for begin in range(0, len(names), PIECE):
+        piece = written({"type": "points", "of": message["type"], "begin": begin == 0})[:-1]
+        yield f'{piece}, "points": {joined(names[begin : begin + PIECE])}}}'
+    yield f'{head}, "points": null}}'
+
+
+def web_message(content: bytes, kind: int) -> bytes:
+    """An unmasked WebSocket message of one frame (RFC 6455, section 5.2).
+
+    Args:
+        content: what it carries.
+        kind: `TEXT` or `BINARY`.
+    """
+    size = len(content)
+    if size < 126:
+        return SHORT_HEAD.pack(kind, size) + content
+    return (HEAD.pack(kind, 126, size) if size < 1 << 16 else LONG_HEAD.pack(kind, 127, size)) + content
+
+
+def framed(texts: Iterable[str]) -> bytes:
+    """Messages as the bytes that every browser gets: framed once, in the thread that has made them."""
+    return b"".join(web_message(text.encode(), TEXT) for text in texts)
+
+
+def send_framed(connections: Iterable[ServerConnection], sent: bytes) -> None:
+    """Send whole messages to connections that are open; none of them is waited for."""
+    for connection in connections:
+        if sent and connection.state is State.OPEN:
+            connection.transport.write(sent)
 
 
 def written(message: dict[str, Any]) -> str:

@@ -62,7 +62,8 @@ def comparison_document(compared: Comparison) -> Document:
     if compared.judgement is not None:
         blocks += _bands(compared.judgement, compared.display, several=len(compared.runs) > 1)
     blocks += [*_loops(compared, names), *_changes(compared, names), *_parameters(compared, names)]
-    return Document("Comparison of damper tests", with_contents(blocks), mark_of(run.run for run in compared.runs))
+    mark = mark_of(run.run for run in compared.runs)
+    return Document("Comparison of damper tests", with_contents(blocks), mark, compared.display.paper)
 
 
 def _about(compared: Comparison, index: int) -> Words:

@@ -22,9 +22,11 @@ from rig.document.blocks import (
     Note,
     Paragraph,
     Properties,
+    Sheet,
     table,
 )
 from rig.document.figure import Axis, Figure, Trace
+from rig.document.html import page as page_of
 from rig.document.numbers import number
 from rig.document.pdf import pdf as pdf_of
 from rig.document.words import FAIR, POOR, Strong
@@ -69,6 +71,15 @@ def test_every_page_is_A4_and_has_its_number(pdf: bytes) -> None:
         size = float(sheet.mediabox.width), float(sheet.mediabox.height)
         assert size == pytest.approx((A4_WIDTH, A4_HEIGHT), abs=1)
         assert f"page {number_} of {len(reader.pages)}" in sheet.extract_text()
+
+
+def test_on_letter_paper_a_sheet_is_one_page_of_that_size_and_the_print_style_states_it() -> None:
+    sheet = Sheet((Heading("One page", 1), table(["a", "b"], [["1", "2"]] * 90, range(2))))
+    document = Document("Letter", [sheet, Paragraph("after it")], "SIMULATED", "letter")
+    reader = read(pdf_of(document))
+    assert [(float(one.mediabox.width), float(one.mediabox.height)) for one in reader.pages] == [(612.0, 792.0)] * 2
+    assert all(0.0 < x < 612.0 and 0.0 < y < 792.0 for _, x, y in letters(reader))
+    assert ("size:letter" in page_of(document), "size:letter" in page_of(Document("A4"))) == (True, False)
 
 
 def test_nothing_of_a_wide_and_long_table_is_cut_off_or_lost(pdf: bytes) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import sys
@@ -10,12 +11,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
+from rig.page import started_run
 from rig.page.desk import MOST_WAITING, Asker, Bench, Desk, Phase, phase
 from rig.page.history import History
-from rig.page.matrices import Matrices
+from rig.page.matrices import READ_HERE_BYTES, Matrices
 from rig.page.started_run import OUTPUT, StartedRun
 from rig.station.live_folder import APPLICATION_SOCKET, DEVICES, bound, make_live_folder, received, replace_json
 
@@ -327,6 +330,16 @@ def test_a_later_page_knows_what_was_started_and_how_it_ended(tmp_path: Path) ->
     assert (tmp_path / OUTPUT).stat().st_mode & 0o777 == 0o600
 
 
+def test_a_start_that_no_later_page_would_know_of_is_not_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(started_run, "replace_json", Mock(side_effect=full))
+    monkeypatch.setattr("rig.page.started_run.subprocess.Popen", Mock(side_effect=AssertionError("started")))
+    with pytest.raises(OSError, match="No space left"):
+        StartedRun.start(tmp_path, ("m.toml",), by="Ada", title="m.toml", utc="2026-01-02T03:04:05", words={})
+
+
 def test_a_process_of_the_same_number_is_not_taken_for_the_run(tmp_path: Path) -> None:
     replace_json(tmp_path / "started.json", {
         "arguments": [], "by": "", "title": "", "utc": "", "words": {}, "pid": os.getpid(), "ticks": 1,
@@ -350,6 +363,9 @@ def test_matrices_are_listed_by_name_and_hostile_ones_are_named_or_left_out(tmp_
     matrices = Matrices(tmp_path)
     matrices.look()
     listed, note = matrices.listing
+    (tmp_path / "good.toml").write_text(MATRIX + "#" * READ_HERE_BYTES)  # read by another process
+    matrices.look()
+    assert matrices.listing == (listed, note)
     by_name = {entry["name"]: entry for entry in listed}
     assert sorted(by_name) == [
         "--out=x.toml", "<b>.toml", "broken.toml", "deep.toml", "good.toml", "link.toml", "number.toml", "pipe.toml"

@@ -459,6 +459,34 @@ def test_the_page_of_a_bench_gives_out_reports_without_their_scripts_and_samples
     desk.watched.close()
 
 
+def test_a_finished_run_is_shown_to_the_browser_that_opens_it_until_a_run_begins(rig: Rig, tmp_path: Path) -> None:
+    old, new = (tmp_path / "logs" / f"2026010{day}T030405Z-MR-1-aaaaaa" for day in (1, 2))
+    for run in (old, new):
+        (run / "points").mkdir(parents=True)
+    bench = Bench(tmp_path / "b.toml", "b", frozenset(), tmp_path, tmp_path / "logs", tmp_path, simulate=True)
+    replace_json(rig.live / "devices.json", {"out": str(tmp_path / "logs"), "devices": []})
+    seconds = iter(range(1, 10_000))
+    desk = Desk(bench, lambda: next(seconds) * 1_000_000_000, tmp_path / "no-run-yet")
+
+    async def shown(connection: ClientConnection) -> str:
+        while True:
+            message = json.loads(await connection.recv())
+            if message["type"] == "run":
+                return str(message["name"])
+
+    async def do(page: PageServer, access: Access) -> None:
+        await page.refresh()
+        uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.VIEWER]}"
+        async with connect(f"{uri}&client=a&run={old.name}") as one, connect(f"{uri}&client=b&run=../x") as other:
+            assert (await shown(one), await shown(other)) == (old.name, new.name)
+            desk._place = tmp_path
+            page.send_changes()
+            assert (await shown(one), await shown(other)) == (rig.run.name, rig.run.name)
+
+    served(rig, do, shown=desk)
+    desk.watched.close()
+
+
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl to make a certificate with")
 def test_over_tls_the_page_opens_by_its_name_alone(rig: Rig, tmp_path: Path) -> None:
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
