@@ -43,12 +43,17 @@ class Script:
 
 @dataclass(frozen=True)
 class Seen:
-    """A step of a command that is complete: whether it decides, and what the host waits for now."""
+    """A step of a command that is complete: whether it decides, and what the host waits for now.
+
+    Attributes:
+        leads: it comes before the one that decides.
+    """
 
     command: Command
     decides: bool
     waits: tuple[Condition, ...]
     size: int
+    leads: bool = False
 
 
 def scripts_of(recipes: Mapping[Command, Recipe]) -> list[Script]:
@@ -150,7 +155,9 @@ class Scripts:
             return None
         place, size = script.place, sum(len(step) for step in script.steps[: script.place + 1])
         script.place = (place + 1) % len(script.steps)
-        return Seen(script.command, place == script.decides, tuple(script.waits[place]), size)
+        return Seen(
+            script.command, place == script.decides, tuple(script.waits[place]), size, leads=place < script.decides
+        )
 
     def _fits(self, script: Script, written: Written) -> bool | None:
         """Whether a request is of the script's next step; None where it touches nothing of it."""

@@ -34,6 +34,8 @@ WATCHDOG_MS = 500
 """Of a device whose map does not say after how long it trips."""
 SHOWN_S = 0.15
 """So long (simulated s) an answer to a command stays before the device looks as if nothing was requested."""
+LED_S = 1.0
+"""So long (simulated s) the device shows what a host waits for before the step that decides a command."""
 SHORTEST_S = 1e-3
 """Two set-points that come closer together are taken as if they did not."""
 USUAL_SHARE = 0.1
@@ -93,6 +95,8 @@ class RegisterBank:
             lambda one, value: raw_of(one, float(value)), self._raw,
         )
         self._restore_s = 0.0
+        self._led: tuple[Condition, ...] = ()
+        self._led_s = 0.0
         self._count = 0
         self._fed = 0
         self._followed_s = 0.0
@@ -266,9 +270,14 @@ class RegisterBank:
             unknown = 0 if code is None else self._map.words.commands.meaning(self._raw(code))
             self.actuator.refuse(written[number], unknown)
         given: dict[str, float] = {}
+        if seen:
+            # On the way to power a drive goes through states that the machine does not have.
+            self._led = next((one.waits for one in seen if one.leads), ())
+            self._led_s = self.actuator.plant.time_s + LED_S
         for one in seen:
             if one.decides:
                 given = self._execute(one)
+                self._led = ()
                 break
         for one in seen:
             if not one.decides or self.actuator.result == Result.DONE:
@@ -357,6 +366,10 @@ class RegisterBank:
             if len(self._shown_before) == MOST_SHOWN:
                 self._shown_before.clear()
             self._shown_before[before] = registers
+        if self._led and actuator.plant.time_s < self._led_s and not actuator.tripped:
+            registers = dict(registers)
+            for condition in self._led:
+                make(registers, condition, holds=True)
         for quantity in self._meanings:
             self._put(live, quantity, registers[quantity.space, quantity.address], swapped=self.word_order_swapped)
 

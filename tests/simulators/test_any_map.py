@@ -250,3 +250,19 @@ def test_single_bits_a_split_position_and_a_handshake_are_served() -> None:
     made = controller(tomllib.loads((Path(__file__).parent / "maps" / "single-bits.toml").read_text("utf-8")))
     served(made)
     assert (made.capabilities.watchdog_tested, made.setpoint_waits) == ("on", True)
+
+
+def test_a_drive_goes_through_its_states_on_the_way_to_power() -> None:
+    """The preset for CiA 402 waits for "ready to switch on" and "switched on" before it enables the operation."""
+    made = controller("cia402-drive")
+    options = RigOptions()
+    actuator = Actuator(Plant(options), options.controller, DeviceClock(0.0, 0.0), lambda *_: None)
+    bank = RegisterBank(actuator, options.servo, np.random.default_rng(3), made)
+    bank.write(0x6060, [1])
+    shown = []
+    for word in (0x06, 0x07, 0x0F, 0x00):
+        bank.write(0x6040, [word])
+        status = bank.read(0x6041, 1)
+        assert status is not None
+        shown.append((status[0] & 0x7, actuator.state))
+    assert shown == [(1, State.OFF), (3, State.OFF), (7, State.HOLD), (0, State.OFF)]

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from scenario_campaign import LONGEST_S, Setting, serve
 
+from drivers.current_source import SourceState
 from rig.bench.model import Bench
 from rig.check.check import check_bench
 from rig.check.finding import CheckFinding, CheckReport
@@ -41,6 +42,8 @@ def checked(folder: Path, *simulator: str, change: Change = unchanged, prove: bo
         assert returned, process.errors
         assert stage.at_rest
         assert abs(stage.rig.plant.value("position_m")) < 0.5e-3, "where it was before"
+        if not simulator:
+            assert stage.rig.ecu.state is SourceState.OFF, "its output stage is off again, and no fault is latched"
     report: CheckReport = returned[0]
     return report
 
