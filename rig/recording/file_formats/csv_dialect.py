@@ -56,6 +56,8 @@ SPACES = " \u00a0\u2009\u202f"
 QUOTES = "'\u2019"
 """Signs between thousands that are no decimal sign."""
 PARTED = re.compile(rf"[+-]?\d{{1,3}}(?P<sign>[{SPACES}{QUOTES}])\d{{3}}((?P=sign)\d{{3}})*([.,]\d*)?")
+GROUP = re.compile(rf"[{SPACES}{QUOTES}](?<=\d.)\d{{3}}")
+"""Such a sign between digits. The sign comes first: to search for the digits takes ten times as long."""
 MARKS = {
     b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16",
 }  # fmt: skip
@@ -164,7 +166,7 @@ def without_groups(text: str, separator: str) -> tuple[str, str]:
 
     The sign is empty where no number has one.
     """
-    if separator == " " or re.search(rf"\d[{SPACES}{QUOTES}]\d{{3}}", text) is None:
+    if separator == " " or not any(sign in text for sign in SPACES + QUOTES) or GROUP.search(text) is None:
         return text, ""
     side, signs = rf"[{re.escape(separator)}\"\n]", set[str]()
 
@@ -182,7 +184,7 @@ def layout_of(file: Path, text: str, encoding: str, stated: Dialect) -> CsvLayou
     Raises:
         FileProblem: no rows of numbers among the first lines, or the decimal sign is not clear.
     """
-    lines = text.split("\n")[:LOOKED_AT]
+    lines = _first_lines(text)
     rows = _first_rows(lines, stated)
     if rows is None:
         fortran = next((hint for k, line in enumerate(lines) if (hint := _fortran_in(k + 1, line))), "")
@@ -211,6 +213,16 @@ def layout_of(file: Path, text: str, encoding: str, stated: Dialect) -> CsvLayou
         tuple(numeric), tuple(cells_of(lines[header - 1], separator)) if named and header else (),
         tuple(cells_of(lines[units - 1], separator)) if units else (),
     )  # fmt: skip
+
+
+def _first_lines(text: str) -> list[str]:
+    """The first lines of a text, without splitting all of it."""
+    end = -1
+    for _ in range(LOOKED_AT):
+        end = text.find("\n", end + 1)
+        if end < 0:
+            return text.split("\n")
+    return text[:end].split("\n")
 
 
 def _fortran_in(line_number: int, line: str) -> str:
@@ -275,8 +287,10 @@ def _numbers_in(cells: Sequence[str], separator: str, words: bool) -> int:
 
     At least two cells are numbers, and none is a word; with `words` no more are words than numbers.
     """
+    if len(cells) < 2:
+        return 0
     present = [cell for cell in cells if cell.lower() not in NOTHING]
-    numbers = sum(is_stamp(cell) or is_any_number(cell) for cell in present)
+    numbers = sum(is_any_number(cell) or is_stamp(cell) for cell in present)
     least = len(present) / 2 if words else len(present)
     return len(cells) if numbers > 1 and numbers >= least else 0
 
@@ -302,7 +316,7 @@ def _grouped(decimal: str, cell: str) -> bool:
 
 def is_stamp(cell: str) -> bool:
     """Whether a cell is a time of day, with a date or not: ISO 8601, 31.12.2026 23:59:59, 12/31/26 11:59:59 PM."""
-    return STAMP.fullmatch(normal_stamp(cell)) is not None
+    return not POINT.fullmatch(cell) and STAMP.fullmatch(normal_stamp(cell)) is not None
 
 
 def normal_stamp(cell: str) -> str:

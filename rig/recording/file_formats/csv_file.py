@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -48,6 +47,29 @@ MTS_HEAD = re.compile(r"MTS793\|[^|\n]*\|[^|\n]*\|\d+\|\d+\|(?P<decimal>[.,])\|"
 """First line of a file of MTS 793: program, language, ..., decimal sign, sign in dates, sign in times, ..."""
 LINES_BEFORE = 50
 """By which the last line of a file is judged."""
+
+
+class _Text:
+    """A text from a position on, and a line before it, as a file that pandas reads.
+
+    Read in parts: `io.StringIO` would store four bytes for each character, and a joined text is a second copy.
+    """
+
+    def __init__(self, text: str, start: int = 0) -> None:
+        self._text, self._position, self.first = text, start, ""
+
+    def read(self, size: int = -1) -> str:
+        """The next characters; empty at the end."""
+        if self.first:
+            first, self.first = self.first, ""
+            return first
+        end = len(self._text) if size < 0 else self._position + size
+        part, self._position = self._text[self._position : end], end
+        return part
+
+    def __iter__(self) -> Iterator[str]:
+        """Present because pandas takes an object without it for a path."""
+        return iter(self.read, "")
 
 
 class CsvFile:
@@ -126,12 +148,14 @@ class CsvFile:
             FileProblem: some are no numbers.
         """
         stamps = [place for place in places if self.is_stamps(place)]
-        body = self._body()
-        blank = re.search(rf"\n[ \t{re.escape(self._layout.separator)}]*\n", body.rstrip()) is not None
-        table = None if blank else self._table(body, places)
+        start, last = self._body_start(), len(self._text)
+        while last and self._text[last - 1].isspace():
+            last -= 1
+        blank = re.compile(rf"\n[ \t{re.escape(self._layout.separator)}]*\n").search(self._text, start, last)
+        table = None if blank else self._table(_Text(self._text, start), places)
         if table is None:
             self._look_again(places)
-            table = self._table(self._rows_alone(places), places)
+            table = self._table(_Text(self._rows_alone(places)), places)
         if table is None:
             raise FileProblem(str(self._file), list(self._wrong_values(places)) or ["some values are not numbers"])
         columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
@@ -141,18 +165,18 @@ class CsvFile:
                 columns[place][-1] = np.nan
         return [np.asarray(columns[place], np.float64) for place in places]
 
-    def _table(self, body: str, places: Sequence[int]) -> pd.DataFrame | None:
+    def _table(self, body: _Text, places: Sequence[int]) -> pd.DataFrame | None:
         """The columns of a text; None where some values are no numbers."""
         import pandas as pd
 
         layout, beyond = self._layout, len(self._layout.names)
         stamps = [place for place in places if self.is_stamps(place)]
         separator = r"\s+" if layout.separator == " " else layout.separator
-        widest = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # makes pandas see a column more
+        body.first = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # makes pandas see a column more
         thousands = layout.thousands if layout.thousands in {",", "."} else ""
         try:
             table = pd.read_csv(
-                io.StringIO(widest + body), sep=separator, header=None, names=list(range(beyond + 1)),
+                body, sep=separator, header=None, names=list(range(beyond + 1)),
                 usecols=sorted({*places, beyond}), index_col=False, skipinitialspace=True, skip_blank_lines=False,
                 decimal=layout.decimal, thousands=thousands or None,
                 na_values=sorted({*NOTHING, *map(str.upper, NOTHING)}),
@@ -161,7 +185,8 @@ class CsvFile:
         except (ValueError, OverflowError):
             return None
         table = table.iloc[1:]
-        if (self._too_wide(table[beyond].tolist()) or thousands) and any(self._wrong_values(places)):
+        wide = table[beyond]
+        if (self._too_wide(wide[wide.notna()].tolist()) or thousands) and any(self._wrong_values(places)):
             return None
         return table
 
@@ -304,10 +329,13 @@ class CsvFile:
         return [end] if short or len(last) < min(widths) else []
 
     def _body(self) -> str:
+        return self._text[self._body_start() :]
+
+    def _body_start(self) -> int:
         start = 0
         for _ in range(self._layout.first_line - 1):
             start = self._text.index("\n", start) + 1
-        return self._text[start:]
+        return start
 
     def _seconds(self, cells: list[object], place: int) -> FloatArray:
         """Time stamps as seconds after the first one.
