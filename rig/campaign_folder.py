@@ -66,6 +66,8 @@ class CampaignFolder:
     points = _Inside("points")
     """Folder of the points' files."""
 
+    cache = _Inside("cache")
+    """Folder of what was computed once from the points' files (`rig.recording.point_cache`); may be deleted."""
     fit = _Inside("fit.json")
     characteristics = _Inside("characteristics.json")
     report = _Inside("report.html")

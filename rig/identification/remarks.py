@@ -23,7 +23,7 @@ class Remark(str):
     numbers: Mapping[str, object]
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _known, (str(self), self.slug, dict(self.numbers))
+        return known_remark, (str(self), self.slug, dict(self.numbers))
 
 
 def say(slug: str, **numbers: object) -> Remark:
@@ -41,10 +41,11 @@ def filled(slug: str, template: str, numbers: Mapping[str, object]) -> Remark:
     Raises:
         KeyError: one of its numbers is missing.
     """
-    return _known(template.format(**numbers), slug, numbers)
+    return known_remark(template.format(**numbers), slug, numbers)
 
 
-def _known(text: str, slug: str, numbers: Mapping[str, object]) -> Remark:
+def known_remark(text: str, slug: str, numbers: Mapping[str, object]) -> Remark:
+    """A sentence that was made before, as it was."""
     remark = Remark(text)
     remark.slug, remark.numbers = slug, numbers
     return remark

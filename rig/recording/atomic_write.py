@@ -10,8 +10,9 @@ from __future__ import annotations
 import errno
 import io
 import os
+import secrets
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -236,6 +237,25 @@ def write_durably(path: Path, data: bytes) -> None:
         file.write(data)
 
     write_whole(path, fill)
+
+
+def write_unflushed(final: Path, parts: Iterable[bytes | memoryview]) -> None:
+    """Write a file that can be made again: whole for readers, but not flushed, so a power cut may damage it.
+
+    The temporary name is unique: processes that write the same file at once do not disturb one another.
+
+    Raises:
+        OSError: the place cannot be written, or `final` is something else than a file.
+    """
+    _check_replaceable(final)
+    partial = final.with_name(f"{final.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")
+    try:
+        with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | O_CLOEXEC, 0o644), "wb") as file:
+            file.writelines(parts)
+        os.replace(partial, final)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def open_to_append(path: Path) -> BinaryIO:

@@ -19,6 +19,7 @@ from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured, refuse_too_few
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
+from rig.identification.points.kept_measurement import kept_measurement
 from rig.identification.points.whole_record import has_cycles, prepare_whole
 from rig.identification.remarks import Remark, say, some
 from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
@@ -107,8 +108,17 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     if point.verdict == "invalid":
         raise IdentificationFailed(f"the recording is invalid ({'; '.join(point.reasons)})")
     with evaluating("it"):
-        test = _prepared(point, skew) if has_cycles(point) else prepare_whole(point, skew)
-        return _with_time_errors(test, point)
+        return kept_measurement(point, skew, _made)
+
+
+def _made(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
+    """A point as a measurement, from its file.
+
+    Raises:
+        IdentificationFailed: as `prepare`, but for the verdict.
+    """
+    test = _prepared(point, skew) if has_cycles(point) else prepare_whole(point, skew)
+    return _with_time_errors(test, point)
 
 
 def _time_errors(point: RecordedPoint) -> tuple[float, float]:

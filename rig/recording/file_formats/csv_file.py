@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -49,27 +50,28 @@ LINES_BEFORE = 50
 """By which the last line of a file is judged."""
 
 
-class _Text:
-    """A text from a position on, and a line before it, as a file that pandas reads.
+class _Text(io.TextIOBase):
+    """A text from a position on, and a line before it, as a file.
 
     Read in parts: `io.StringIO` would store four bytes for each character, and a joined text is a second copy.
     """
 
     def __init__(self, text: str, start: int = 0) -> None:
+        super().__init__()
         self._text, self._position, self.first = text, start, ""
 
-    def read(self, size: int = -1) -> str:
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def read(self, size: int | None = -1, /) -> str:
         """The next characters; empty at the end."""
         if self.first:
             first, self.first = self.first, ""
             return first
-        end = len(self._text) if size < 0 else self._position + size
+        end = len(self._text) if size is None or size < 0 else self._position + size
         part, self._position = self._text[self._position : end], end
         return part
-
-    def __iter__(self) -> Iterator[str]:
-        """Present because pandas takes an object without it for a path."""
-        return iter(self.read, "")
 
 
 class CsvFile:

@@ -1,0 +1,203 @@
+"""What was computed once from a recorded point, kept in the run's folder `cache/` for the next command.
+
+Only the point's file is authoritative. An entry is used if it was made from the same content of that file, by the same
+code, with the same settings, and is undamaged; otherwise it is made again. A cache that cannot be written, such as that
+of a read-only run, is no error, and the folder may be deleted at any time. Neither the folder nor an entry is used or
+written through a symbolic link.
+
+An entry: `KIND`, SHA-256 of the rest, length of the header (u64, little-endian), header (JSON), arrays one after the
+other. The header has the key, the values, and name, type and length of each array.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rig
+from drivers.posix import O_CLOEXEC, O_NOFOLLOW
+from rig.campaign_folder import CampaignFolder
+from rig.recording.atomic_write import inner_folder, write_unflushed
+from rig.recording.recorded_point import RecordedPoint
+
+KIND = b"mr-damper-rig cache 1\n"
+CODE = ("signals", "recording", "dampers", "identification", "characteristics", "test_point.py")
+"""Rooms of the package whose code makes entries."""
+TYPES = {"float64", "complex128", "bool"}
+NOT_IN_THE_KEY = {"path", "arrays"}
+LARGEST_BYTES = 1 << 30
+READ_BYTES = 1 << 22
+NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Values (JSON) and arrays (n,) by name."""
+
+    values: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+
+
+class PointCache:
+    """The entry of one name for a point.
+
+    Args:
+        point: as it was opened.
+        name: what is kept.
+        settings: what it depends on besides the point, as text.
+    """
+
+    def __init__(self, point: RecordedPoint, name: str, settings: str) -> None:
+        self._point, self._settings = point, settings
+        path = point.path
+        in_run = path is not None and point.arrays is None and path.parent.name == CampaignFolder.points
+        self._run = path.parent.parent if in_run and path is not None else None
+        self._name = "" if path is None else f"{path.stem}.{name}"
+        self._content = self._digest()
+
+    def read(self) -> Entry | None:
+        """The entry; None if there is none that can be used."""
+        if self._run is None or not self._content:
+            return None
+        folder = CampaignFolder(self._run).cache
+        try:
+            if folder.is_symlink():
+                return None
+            raw = _read(folder / self._name)
+            return None if raw is None else _unpacked(raw, self._key())
+        except (OSError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
+            return None  # made again
+
+    def write(self, entry: Entry) -> None:
+        """Keep an entry that was computed since this object was made; without effect if the point's file has changed.
+
+        What cannot be kept is computed again by the next command.
+        """
+        if self._run is None or not self._content or self._digest() != self._content:
+            return
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            parts = _packed(entry, self._key())
+            write_unflushed(inner_folder(self._run, CampaignFolder.cache) / self._name, parts)
+
+    def _key(self) -> str:
+        """Of everything that an entry depends on.
+
+        The description is part of it, although it comes from the file: the file may have been replaced since it was
+        opened.
+        """
+        described = {one.name: getattr(self._point, one.name) for one in fields(self._point)
+                     if one.name not in NOT_IN_THE_KEY}  # fmt: skip
+        told = repr((described, self._settings, rig.__version__, np.__version__, _code()))
+        return self._content + hashlib.sha256(told.encode("utf-8", "backslashreplace")).hexdigest()
+
+    def _digest(self) -> str:
+        """SHA-256 of the point's file; empty if it cannot be read."""
+        if self._run is None or self._point.path is None:
+            return ""
+        digest = hashlib.sha256()
+        try:
+            with self._point.path.open("rb", buffering=0) as file:
+                while part := file.read(READ_BYTES):
+                    digest.update(part)
+        except OSError:
+            return ""
+        return digest.hexdigest()
+
+
+@cache
+def _code() -> str:
+    """SHA-256 of the code that makes entries."""
+    package, digest = Path(rig.__file__).resolve().parent, hashlib.sha256()
+    for name in CODE:
+        place = package / name
+        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _read(file: Path) -> NDArray[np.uint8] | None:
+    """The content of a regular file, which can be written to; None for anything else, links too.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    handle = os.open(file, os.O_RDONLY | O_CLOEXEC | O_NOFOLLOW | NOT_BLOCKING)
+    with os.fdopen(handle, "rb", buffering=0) as opened:
+        state = os.fstat(handle)
+        if not stat.S_ISREG(state.st_mode) or state.st_size > LARGEST_BYTES:
+            return None
+        raw, done = np.empty(state.st_size, np.uint8), 0
+        while count := opened.readinto(raw.data[done:]):
+            done += count
+    return raw[:done]
+
+
+def _packed(entry: Entry, key: str) -> list[bytes | memoryview]:
+    """An entry as parts of a file.
+
+    Raises:
+        TypeError: a value cannot be JSON, or an array is of another type.
+    """
+    # In falling order of their items' sizes, so that each array is aligned.
+    arrays = sorted(entry.arrays.items(), key=lambda one: -one[1].dtype.itemsize)
+    if any(values.dtype.name not in TYPES or values.ndim != 1 for _, values in arrays):
+        raise TypeError("an array of another type")
+    listed = [(name, values.dtype.name, values.size) for name, values in arrays]
+    header = json.dumps({"key": key, "values": entry.values, "arrays": listed}, default=_number).encode()
+    start = len(KIND) + 32 + 8
+    header += b" " * (-(start + len(header)) % 16)
+    rest: list[bytes | memoryview] = [len(header).to_bytes(8, "little"), header]
+    rest += [np.ascontiguousarray(values).data.cast("B") for _, values in arrays if values.size]
+    digest = hashlib.sha256()
+    for part in rest:
+        digest.update(part)
+    return [KIND, digest.digest(), *rest]
+
+
+def _number(value: object) -> Any:  # noqa: ANN401 - JSON
+    """A number of NumPy as one of Python.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be kept")
+
+
+def _unpacked(raw: NDArray[np.uint8], key: str) -> Entry | None:
+    """The entry in a file's content; None if it is damaged or has another key.
+
+    Raises:
+        ValueError: it is no entry.
+        KeyError: as `ValueError`.
+        TypeError: as `ValueError`.
+    """
+    start = len(KIND) + 32
+    if raw.size < start + 8 or bytes(raw[: len(KIND)]) != KIND:
+        return None
+    size = int.from_bytes(bytes(raw[start : start + 8]), "little")
+    header = json.loads(bytes(raw[start + 8 : start + 8 + size]))
+    if header["key"] != key or hashlib.sha256(raw.data[start:]).digest() != bytes(raw[len(KIND) : start]):
+        return None
+    arrays, place = {}, start + 8 + size
+    for name, kind, length in header["arrays"]:
+        if kind not in TYPES:
+            return None
+        end = place + int(length) * np.dtype(kind).itemsize
+        arrays[name] = raw[place:end].view(kind)
+        if arrays[name].size != length:
+            return None
+        place = end
+    return Entry(header["values"], arrays)
