@@ -3,7 +3,7 @@
 Only the point's file is authoritative. An entry is used if it was made from the same content of that file, by the same
 code, with the same settings, and is undamaged; otherwise it is made again. A cache that cannot be written, such as that
 of a read-only run, is no error, and the folder may be deleted at any time. Neither the folder nor an entry is used or
-written through a symbolic link.
+written through a symbolic link. Arrays of a point that were changed in memory count: such a point has no entries.
 
 An entry: `KIND`, SHA-256 of the rest, length of the header (u64, little-endian), header (JSON), arrays one after the
 other. The header has the key, the values, and name, type and length of each array.
@@ -17,7 +17,7 @@ import json
 import os
 import stat
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,10 @@ KIND = b"mr-damper-rig cache 1\n"
 CODE = ("signals", "recording", "dampers", "identification", "characteristics", "test_point.py")
 """Rooms of the package whose code makes entries."""
 TYPES = {"float64", "complex128", "bool"}
+ARRAYS = ("time_s", "displacement_m", "velocity_m_s", "force_N", "current_measured_A", "force_samples")
+"""Of a point, read from its file on first access."""
+AS_READ = "_digests_as_read"
+"""In a point: SHA-256 of its arrays as they were read."""
 NOT_IN_THE_KEY = {"path", "arrays"}
 LARGEST_BYTES = 1 << 30
 READ_BYTES = 1 << 22
@@ -43,10 +47,11 @@ NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
 
 @dataclass(frozen=True)
 class Entry:
-    """Values (JSON) and arrays (n,) by name."""
+    """Values (JSON) and arrays (n,) by name; `as_read` are SHA-256 of the point's arrays from which it was made."""
 
     values: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
+    as_read: Mapping[str, str] = field(default_factory=dict)
 
 
 class PointCache:
@@ -65,6 +70,8 @@ class PointCache:
         self._run = path.parent.parent if in_run and path is not None else None
         self._name = "" if path is None else f"{path.stem}.{name}"
         self._content = self._digest()
+        self._known: dict[str, str] = point.__dict__.get(AS_READ, {})
+        self._unchanged = _digests(point).items() <= self._known.items()
 
     def read(self) -> Entry | None:
         """The entry; None if there is none that can be used."""
@@ -75,7 +82,10 @@ class PointCache:
             if folder.is_symlink():
                 return None
             raw = _read(folder / self._name)
-            return None if raw is None else _unpacked(raw, self._key())
+            entry = None if raw is None else _unpacked(raw, self._key())
+            if entry is None or not (self._unchanged or _digests(self._point).items() <= entry.as_read.items()):
+                return None
+            return entry
         except (OSError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
             return None  # made again
 
@@ -84,10 +94,12 @@ class PointCache:
 
         What cannot be kept is computed again by the next command.
         """
-        if self._run is None or not self._content or self._digest() != self._content:
+        if self._run is None or not self._content or not self._unchanged or self._digest() != self._content:
             return
+        as_read = {**self._known, **_digests(self._point)}
+        self._point.__dict__[AS_READ] = as_read
         with contextlib.suppress(OSError, ValueError, TypeError):
-            parts = _packed(entry, self._key())
+            parts = _packed(replace(entry, as_read=as_read), self._key())
             write_unflushed(inner_folder(self._run, CampaignFolder.cache) / self._name, parts)
 
     def _key(self) -> str:
@@ -113,6 +125,16 @@ class PointCache:
         except OSError:
             return ""
         return digest.hexdigest()
+
+
+def _digests(point: RecordedPoint) -> dict[str, str]:
+    """SHA-256 of each of a point's arrays that are in memory."""
+    known = ((name, point.__dict__[name]) for name in ARRAYS if name in point.__dict__)
+    return {
+        name: hashlib.sha256(b"".join(
+            one.tobytes() for one in ([value] if isinstance(value, np.ndarray) else vars(value).values())
+        )).hexdigest() for name, value in known
+    }
 
 
 @cache
@@ -154,7 +176,9 @@ def _packed(entry: Entry, key: str) -> list[bytes | memoryview]:
     if any(values.dtype.name not in TYPES or values.ndim != 1 for _, values in arrays):
         raise TypeError("an array of another type")
     listed = [(name, values.dtype.name, values.size) for name, values in arrays]
-    header = json.dumps({"key": key, "values": entry.values, "arrays": listed}, default=_number).encode()
+    header = json.dumps({
+        "key": key, "values": entry.values, "arrays": listed, "as_read": entry.as_read,
+    }, default=_number).encode()
     start = len(KIND) + 32 + 8
     header += b" " * (-(start + len(header)) % 16)
     rest: list[bytes | memoryview] = [len(header).to_bytes(8, "little"), header]
@@ -200,4 +224,4 @@ def _unpacked(raw: NDArray[np.uint8], key: str) -> Entry | None:
         if arrays[name].size != length:
             return None
         place = end
-    return Entry(header["values"], arrays)
+    return Entry(header["values"], arrays, header["as_read"])

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rig.document.drawing import decades, drawing_of, tick_text, ticks
+from rig.document.drawing import Drawing, Line, decades, drawing_of, tick_text, ticks
 from rig.document.figure import Axis, Figure, Style, Trace, box_plot, span, thinned
 from rig.document.numbers import number
 from rig.document.svg import svg
@@ -34,6 +34,18 @@ def test_the_range_of_nothing_can_still_be_drawn() -> None:
     assert span([np.full(5, 2.0)]) == pytest.approx((1.9, 2.1))
 
 
+def places(path: str) -> np.ndarray:
+    """Points (n, 2) of a piece of a path without its M: the first one, then steps."""
+    numbers = re.findall(r"-?(?:\d+\.?\d*|\.\d+)", path)
+    return np.array(numbers, float).reshape(-1, 2).cumsum(axis=0)
+
+
+def test_steps_of_a_path_lead_to_its_points_and_no_rounding_adds_up() -> None:
+    x_px = np.random.default_rng(0).uniform(0.0, 600.0, (2000, 2)).round(1)
+    (line,) = re.findall(r' d="M([^"]*)"', svg(Drawing(600.0, 600.0, "", (Line(Style.MEASURED, (x_px,)),))))
+    assert places(line) == pytest.approx(x_px, abs=1e-6)
+
+
 def test_a_line_is_broken_where_nothing_was_measured() -> None:
     y = np.array([0.0, 1.0, np.nan, 1.0, 0.0])
     assert drawn(Trace(np.arange(5.0), y)).split('class="m" d="')[1].split('"')[0].count("M") == 2
@@ -43,18 +55,17 @@ def test_a_value_without_neighbours_is_a_cross() -> None:
     """Damping of a single speed is one value: as a line it would not be seen."""
     shown = drawn(Trace(np.arange(4.0), np.array([1.0, 2.0, np.nan, 0.5])))
     line, cross = shown.split('class="m" d="M')[1].split('"')[0].split("M", 1)
-    assert "L" in line
-    across, down = cross.split("M")
-    left, right = float(across.split()[0]), float(across.split("L")[1].split()[0])
+    assert len(places(line)) == 2
+    (left, right), (middle, _) = (places(part)[:, 0] for part in cross.split("M"))
     assert right - left == pytest.approx(6.0)
-    assert float(down.split()[0]) == pytest.approx((left + right) / 2.0, abs=0.1)
+    assert middle == pytest.approx((left + right) / 2.0, abs=0.1)
 
 
 def test_higher_values_are_drawn_higher() -> None:
     shown = drawn(Trace(np.array([0.0, 1.0]), np.array([0.0, 1.0])))
-    first, second = shown.split('class="m" d="M')[1].split('"')[0].split("L")
-    assert float(second.split()[1]) < float(first.split()[1])
-    assert float(second.split()[0]) > float(first.split()[0])
+    first, second = places(shown.split('class="m" d="M')[1].split('"')[0])
+    assert second[1] < first[1]
+    assert second[0] > first[0]
 
 
 def test_thinning_keeps_both_ends() -> None:
@@ -88,9 +99,9 @@ def test_a_logarithmic_axis_has_equal_steps_for_equal_factors_and_round_ticks() 
     assert len(decades((1.2, 1.4))) >= 3
     x = np.array([1.0, 10.0, 100.0, -1.0])
     path = drawn(Trace(x, np.arange(4.0)), x=Axis("x", log=True)).split('class="m" d="M')[1].split('"')[0]
-    places = [float(pair.split()[0]) for pair in path.split("L")]
-    assert len(places) == 3, "what is not positive has no place"
-    assert places[1] - places[0] == pytest.approx(places[2] - places[1], abs=0.11)
+    x_px = places(path)[:, 0]
+    assert len(x_px) == 3, "what is not positive has no place"
+    assert x_px[1] - x_px[0] == pytest.approx(x_px[2] - x_px[1], abs=0.11)
 
 
 def test_a_box_plot_has_quartiles_whiskers_and_outliers() -> None:

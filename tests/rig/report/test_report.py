@@ -98,7 +98,8 @@ def written(run: Path, fit: Mapping[str, Any] | None) -> str:
 def lines(page: str, style: str) -> list[np.ndarray]:
     """The points (k, 2) of each drawn line of one style."""
     found = re.findall(rf'<path class="{style}"[^>]* d="([^"]*)"', page)
-    return [np.array([[float(n) for n in pair.split()] for pair in re.split("[ML]", d)[1:]]) for d in found]
+    numbers = [[re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece) for piece in d.split("M")[1:]] for d in found]
+    return [np.vstack([np.array(one, float).reshape(-1, 2).cumsum(axis=0) for one in pieces]) for pieces in numbers]
 
 
 def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(page: str) -> None:
