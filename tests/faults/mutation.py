@@ -114,7 +114,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/units.py", "if unit.dimension != dimension:", "if False:"),
         Edit("rig/files/quantity.py", "if self.high is not None and result", "if False and result"),
     ),
-    "matrix-infeasible": (Edit("rig/campaign/setup.py", "    if lines:\n", "    if False:\n"),),
+    "matrix-infeasible": (Edit("rig/campaign/setup.py", "    if refused:\n", "    if False:\n"),),
     "matrix-changed": (
         Edit(
             "rig/campaign/resume.py",
