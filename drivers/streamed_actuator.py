@@ -147,12 +147,17 @@ class StreamedActuator:
         self._program_id = 0
         self._rest_m = math.nan
         self._state: int = State.OFF
-        self._silence_stops = device.capabilities.watchdog is WatchdogKind.TIMEOUT
+        self._own = device.capabilities
+        self._capabilities = replace(self._own, phase=True)
+        self._silence_stops = self._own.watchdog is WatchdogKind.TIMEOUT
 
     @property
     def capabilities(self) -> Capabilities:
         """What the device can do; the phase of a program is known here."""
-        return replace(self._device.capabilities, phase=True)
+        own = self._device.capabilities
+        if own is not self._own:
+            self._own, self._capabilities = own, replace(own, phase=True)
+        return self._capabilities
 
     @property
     def origins(self) -> Origins:

@@ -54,6 +54,7 @@ class ReservedFile(io.RawIOBase):
         self.path = path
         self._error: OSError | None = None
         self._position = self._size = self._room = 0
+        self._handle = -1
         self._unwritten: list[tuple[int, bytes]] = []
         path.unlink(missing_ok=True)  # a stranger's run may hold a link of that name, to a file elsewhere
         self._handle = os.open(path, flags, 0o644)
@@ -163,8 +164,8 @@ class ReservedFile(io.RawIOBase):
         os.fsync(self._handle)
 
     def close(self) -> None:
-        """Close the file; closing twice is harmless."""
-        if not self.closed:
+        """Close the file; closing twice is harmless, or one that could not be made."""
+        if not self.closed and self._handle >= 0:
             os.close(self._handle)
         super().close()
 

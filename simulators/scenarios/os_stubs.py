@@ -366,10 +366,10 @@ class ErrorStream(io.TextIOBase):
 
 
 PLACES = ("rig", "drivers", "protocols", "simulators")
-ALSO = ("can.bus", "can.interfaces.slcan", "pathlib")
+ALSO = ("can.bus", "can.interfaces.slcan", "pathlib", "pathlib._local")
 """Other people's modules that look at the clock, or at files for us."""
-FOR_US = {"pathlib": (real_os, io)}
-"""Of these only so much."""
+FOR_US = dict.fromkeys(("pathlib", "pathlib._local"), (real_os, io))
+"""Of these only so much. Python 3.13 has its paths in a module of their own."""
 
 
 def _is_for(module: str, value: object) -> bool:

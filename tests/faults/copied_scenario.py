@@ -31,6 +31,8 @@ from simulators.scenarios.stage import Stage
 HUNG_S = 300
 """A copy that runs for so long on a real clock is ended."""
 
+BLOCK = 1 << 16
+
 Judge = Callable[[ScenarioCampaign], None]
 
 
@@ -89,13 +91,22 @@ class KeptFolder:
             folder.mkdir(exist_ok=True)
         for path, kept, content in self._files:
             os.link(kept, path)
-            if kept.read_bytes() != content:
-                kept.write_bytes(content)
+            put_back(kept, content)
 
     def open_again(self) -> None:
         """In a copy of this process: have the open files for it alone, as they were."""
         for file in self._open:
             file.open_again()
+
+
+def put_back(path: Path, content: bytes) -> None:
+    """Give a file its content again, where it is another one: little of a ring is."""
+    with path.open("r+b") as file:
+        file.truncate(len(content))
+        for start in range(0, len(content), BLOCK):
+            block = content[start : start + BLOCK]
+            if os.pread(file.fileno(), BLOCK, start) != block:
+                os.pwrite(file.fileno(), block, start)
 
 
 def open_files(root: Path) -> list[OpenFile]:
@@ -191,7 +202,8 @@ def without_faults(setting: Setting) -> Setting | None:
     if any(fault.after_s is None for fault in run.faults):
         return None
     common = replace(setting, simulator=("--actuator", run.actuator))
-    return common if rig_options(*common.arguments) == (options, replace(run, faults=())) else None
+    alike = repr(rig_options(*common.arguments)) == repr((options, replace(run, faults=())))  # NaN is not equal to NaN
+    return common if alike else None
 
 
 def serve(setting: Setting, folder: Path, asked: Connection) -> None:
