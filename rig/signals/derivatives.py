@@ -10,7 +10,6 @@ velocity is a local parabola through measured displacement.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from rig.errors import RigError
 from rig.signals.arrays import FloatArray
 from rig.signals.fourier import quantisation_step, significant_orders
+from rig.signals.phase_sums import ComplexArray, phase_sums, series_at
 
 MAXIMUM_HARMONICS = 400
 REPEATS = 0.003  # share of the amplitude
@@ -27,7 +27,9 @@ TAIL_ORDERS = 4  # fewer harmonics in a half octave are single ones, not a serie
 TAIL_SHARE = 0.3  # nor do they make a series when they are fewer than this share of its orders
 ROUNDS = 5  # strong harmonics hide weak ones: each round looks at what the last one left
 CERTAIN_ORDERS = 7  # a motion's own lowest orders are motion also where they are small
-CHUNK = 16384
+FIRST_GUESS = 16384  # samples that are enough for the first guess of the frequency
+MOST_STEPS = 4  # of the frequency
+SMALL_STEP = 1e-6  # by which the last one moves the phase (rad) of the highest order over the record
 HALF_WIDTH = 4
 WIDTH = 2 * HALF_WIDTH + 1
 MARGIN = 4 * HALF_WIDTH
@@ -114,13 +116,11 @@ class HarmonicFit:
 
     def _sum(self, time_s: FloatArray, chosen: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The chosen harmonics' displacement, velocity and acceleration."""
-        u, v, a = (np.empty(time_s.size) for _ in range(3))
         orders, amplitude_m = self.orders[chosen], self.cosine_m[chosen] - 1j * self.sine_m[chosen]
-        rate = orders * self.omega_rad_s
-        derivatives = np.stack([amplitude_m * (1j * rate) ** times for times in range(3)], axis=1)
-        for part in _chunks(time_s.size):
-            shown = (_waves(time_s[part] - self.origin_s, self.omega_rad_s, orders) @ derivatives).real
-            u[part], v[part], a[part] = shown.T
+        spectra = np.zeros((3, int(orders[-1]) + 1), np.complex128)
+        for times in range(3):
+            spectra[times, orders] = amplitude_m * (1j * orders * self.omega_rad_s) ** times
+        u, v, a = series_at(_turns(time_s - self.origin_s, self.omega_rad_s), spectra)
         return u, v, a
 
 
@@ -167,10 +167,10 @@ def harmonic(
     count = int(max(1, min(MAXIMUM_HARMONICS, 0.4 / (spacing * frequency_Hz), (t.size - 4) // 4)))
     omega = 2.0 * np.pi * frequency_Hz
     first, step = np.array([1], dtype=np.int64), quantisation_step(u)
-    thin = slice(None, None, max(1, t.size // CHUNK))
+    thin = slice(None, None, max(1, t.size // FIRST_GUESS))
     for _ in range(2):
-        omega += _solve(t[thin] - origin, u[thin], omega, first)[2]
-    coefficients, residual, _ = _solve(t - origin, u, omega, first)
+        omega += _solved(t[thin] - origin, u[thin], omega, first)[1]
+    omega, coefficients, residual = _fitted(t - origin, u, omega, first)
     # Rounded times are errors of the displacement as large as the speed times their step. If the rounding repeats with
     # the samples, all of it lies in one or two orders (2 and 3 ms in turns: near half the sampling rate).
     rounding = resolution_s * omega * float(np.hypot(*coefficients[1:]))
@@ -181,10 +181,9 @@ def harmonic(
             break
         orders, tried = np.union1d(orders, added), np.union1d(tried, added)
         if rounding > 0.0:
-            coefficients, residual, _ = _solve(t - origin, u, omega, orders)
+            coefficients = _solved(t - origin, u, omega, orders)[0]
             orders = orders[(orders <= CERTAIN_ORDERS) | (np.hypot(coefficients[1::2], coefficients[2::2]) > rounding)]
-        omega += _solve(t - origin, u, omega, orders)[2]
-        coefficients, residual, _ = _solve(t - origin, u, omega, orders)
+        omega, coefficients, residual = _fitted(t - origin, u, omega, orders)
     deviation = float(np.sqrt(np.sum(residual**2) / max(1, t.size - coefficients.size - 1)))
     series = (orders, coefficients[1::2], coefficients[2::2])
     white = is_white(residual)
@@ -203,7 +202,9 @@ def with_orders(fit: HarmonicFit, time_s: FloatArray, values: FloatArray, orders
     Raises:
         numpy.linalg.LinAlgError: the samples do not determine so many.
     """
-    coefficients, residual, _ = _solve(time_s - fit.origin_s, values, fit.omega_rad_s, orders)
+    since_s = time_s - fit.origin_s
+    coefficients = _solved(since_s, values, fit.omega_rad_s, orders)[0]
+    residual = values - _series(since_s, fit.omega_rad_s, orders, coefficients)
     deviation = float(np.sqrt(np.sum(residual**2) / max(1, time_s.size - coefficients.size - 1)))
     return HarmonicFit(
         fit.origin_s, fit.omega_rad_s, float(coefficients[0]), orders, coefficients[1::2], coefficients[2::2],
@@ -295,34 +296,76 @@ def _waves(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> NDArray[np
     return waves
 
 
-def _solve(
+def _fitted(
     t: FloatArray, u: FloatArray, omega: float, orders: NDArray[np.int64]
-) -> tuple[FloatArray, FloatArray, float]:
-    """Coefficients (m), residual (m) and the step of omega (rad/s) that a Gauss-Newton iteration would take next."""
-    size = 2 * orders.size + 1
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for part in _chunks(t.size):
-        design = harmonic_columns(t[part], omega, orders)
-        normal += design.T @ design
-        right += design.T @ u[part]
+) -> tuple[float, FloatArray, FloatArray]:
+    """Frequency (rad/s), coefficients (m) and residual (m) of the least squares in both, by Gauss and Newton."""
+    for _ in range(MOST_STEPS):
+        coefficients, step, change = _solved(t, u, omega, orders)
+        omega += step
+        if abs(step) * float(t[-1] - t[0]) * float(orders[-1]) < SMALL_STEP:
+            coefficients += change
+            break
+    else:
+        coefficients = _solved(t, u, omega, orders)[0]
+    return omega, coefficients, u - _series(t, omega, orders, coefficients)
+
+
+def _solved(
+    t: FloatArray, u: FloatArray, omega: float, orders: NDArray[np.int64]
+) -> tuple[FloatArray, float, FloatArray]:
+    """Coefficients (m), the next Gauss-Newton step of omega (rad/s), and what this changes of the coefficients (m).
+
+    The normal equations of the columns 1, cos(k w t), sin(k w t) hold sums over the harmonics only; those of the slope
+    along omega are the same with every sample's phase, and its square, as weights.
+    """
+    turns, highest = _turns(t, omega), int(orders[-1])
+    normal, with_turns, with_squares = (_products(one, orders) for one in phase_sums(turns, (None,), 2 * highest, 2)[0])
+    right, right_with_turns = (_columns(one, orders) for one in phase_sums(turns, (u,), highest, 1)[0])
     coefficients = np.asarray(np.linalg.solve(normal, right), np.float64)
-    residual = np.empty(t.size)
-    cross, slope_power, slope_residual = np.zeros(size), 0.0, 0.0
-    for part in _chunks(t.size):
-        design = harmonic_columns(t[part], omega, orders)
-        residual[part] = u[part] - design @ coefficients
-        cosine_gain, sine_gain = orders * coefficients[2::2], orders * coefficients[1::2]
-        slope = t[part] * (design[:, 1::2] @ cosine_gain - design[:, 2::2] @ sine_gain)
-        cross += design.T @ slope
-        slope_power += float(slope @ slope)
-        slope_residual += float(slope @ residual[part])
-    independent = slope_power - float(cross @ np.linalg.solve(normal, cross))
-    return coefficients, residual, slope_residual / independent if independent > 0.0 else 0.0
+    slope = np.zeros(coefficients.size)  # columns times this and the phase: the change along omega, times omega / 2 pi
+    slope[1::2], slope[2::2] = orders * coefficients[2::2], -orders * coefficients[1::2]
+    cross = with_turns @ slope
+    imitated = np.asarray(np.linalg.solve(normal, cross), np.float64)
+    independent = float(slope @ with_squares @ slope) - float(cross @ imitated)
+    if not independent > 0.0:
+        return coefficients, 0.0, np.zeros_like(coefficients)
+    step = float(slope @ (right_with_turns - with_turns @ coefficients)) / independent
+    return coefficients, step * omega / (2.0 * np.pi), -step * imitated
 
 
-def _chunks(n: int) -> Iterator[slice]:
-    for start in range(0, n, CHUNK):
-        yield slice(start, min(start + CHUNK, n))
+def _turns(t: FloatArray, omega: float) -> FloatArray:
+    """Phase (cycles) of times since the origin (s)."""
+    return t * (omega / (2.0 * np.pi))
+
+
+def _columns(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
+    """Sums of 1, cos(k w t), sin(k w t), shape (2 K + 1,), from those of exp(i j w t) for j up to the highest order."""
+    columns = np.empty(2 * orders.size + 1)
+    columns[0], columns[1::2], columns[2::2] = sums[0].real, sums[orders].real, sums[orders].imag
+    return columns
+
+
+def _products(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
+    """Sums of the products of 1, cos(k w t), sin(k w t), shape (2 K + 1, 2 K + 1), from those up to twice the order."""
+    apart = orders[:, None] - orders
+    added, less = sums[orders[:, None] + orders], sums[np.abs(apart)]
+    lower_sine = np.sign(apart) * less.imag
+    products = np.empty((2 * orders.size + 1, 2 * orders.size + 1))
+    products[0] = products[:, 0] = _columns(sums, orders)
+    products[1::2, 1::2] = 0.5 * (less.real + added.real)
+    products[2::2, 2::2] = 0.5 * (less.real - added.real)
+    products[2::2, 1::2] = 0.5 * (added.imag + lower_sine)
+    products[1::2, 2::2] = products[2::2, 1::2].T
+    return products
+
+
+def _series(t: FloatArray, omega: float, orders: NDArray[np.int64], coefficients: FloatArray) -> FloatArray:
+    """The series with coefficients of 1, cos(k w t), sin(k w t) at times since the origin (s), shape (n,)."""
+    spectrum = np.zeros((1, int(orders[-1]) + 1), np.complex128)
+    spectrum[0, 0], spectrum[0, orders] = coefficients[0], coefficients[1::2] - 1j * coefficients[2::2]
+    (values,) = series_at(_turns(t, omega), spectrum)
+    return np.asarray(values)
 
 
 def velocity_of(time_s: FloatArray, displacement_m: FloatArray) -> tuple[FloatArray, str]:
