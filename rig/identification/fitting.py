@@ -26,7 +26,7 @@ from rig.identification.fit_state import FitState, stages_of
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
-from rig.identification.models.solving import Candidate, Method, solve, splits
+from rig.identification.models.solving import SQUARES, Candidate, Method, solve, splits
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import bench_of, next_tests
 from rig.identification.options import ALL, FEW, FitOptions
@@ -92,7 +92,8 @@ def _started(tests: Tests, options: FitOptions) -> FitState:
     options = replace(options, method=options.how)
     if options.allowance is None and not isinstance(tests, Sequence):
         options = replace(options, allowance=bench_of(tests.path))
-    known = fit_inputs(tests, options.holdout, options.campaign)
+    robust = options.how.loss != SQUARES
+    known = fit_inputs(tests, options.holdout, options.campaign, every_sample=robust)
     resisting, reversed_tests = without_reversed_signs(known.fitted)
     known = replace(known, fitted=resisting, warnings=(*known.warnings, *reversed_tests))
     _refuse_unseen(options, known.fitted)

@@ -134,12 +134,13 @@ def _loop(
     for test, by, jacobian, residual, error in tested:
         spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
         scaled = jacobian[test.scored] * scale
-        before += by * (scaled.T @ scaled) / spread[-1]
+        before += by * test.recorded_each * (scaled.T @ scaled) / spread[-1]
     if not np.all(np.isfinite(before)):
         return
     widths = _widths(before)
-    longest = float(np.median([test.u_m.size for test in measurements]))
-    dt_s, noise = float(np.median([test.dt_s for test in measurements])), float(np.median(spread))
+    longest = float(np.median([test.u_m.size * test.recorded_each for test in measurements]))
+    dt_s = float(np.median([test.dt_s / test.recorded_each for test in measurements]))
+    noise = float(np.median(spread))
     candidates, expected = [], []
     for point, motion in _candidates(model, values, measurements, allowance):
         scaled = parameter_slopes(model, values, names, motion) * scale

@@ -65,7 +65,7 @@ def _apart(test: Measurement) -> float:
     places = np.arange(count)[:, None] * length + np.arange(steps) * (length / steps)
     cycles = np.interp(places, np.arange(test.u_m.size), test.force_N)
     errors = (cycles - cycles.mean(axis=0)) * count / (count - 1)
-    return 100.0 * float(np.sqrt(np.mean(errors**2))) / test.peak_force_N
+    return 100.0 * float(np.sqrt(np.mean(errors**2) + test.scatter_N**2)) / test.peak_force_N
 
 
 def _regression(
@@ -160,7 +160,7 @@ def _way_m(u_m: FloatArray) -> FloatArray:
 def _error(learnt: GradientBoostingRegressor, test: Measurement) -> float:
     """Error (% of peak) of a test."""
     difference = (learnt.predict(_inputs(test)) - test.force_N)[test.scored]
-    return 100.0 * float(np.sqrt(np.mean(difference**2))) / test.peak_force_N
+    return 100.0 * float(np.sqrt(np.mean(difference**2) + test.scatter_N**2)) / test.peak_force_N
 
 
 def _mean(errors: Sequence[float]) -> float | None:

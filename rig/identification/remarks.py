@@ -140,6 +140,10 @@ WARNINGS = {
         "only one cycle remains after the first and last are discarded, and no Fourier series describes its motion: "
         "the velocity is derived from a local polynomial, whose errors are not included in the intervals"
     ),
+    "mean-cycles": (
+        "{samples} samples in {cycles} cycles fitted as {groups} mean cycles of {phases} samples, each the mean of "
+        "{each:.0f} recorded samples"
+    ),
     "whole-record": (
         "the motion has no cycles, so the whole record is used ({used}); errors in its velocity are not included in "
         "the intervals"

@@ -28,7 +28,7 @@ from rig.errors import IdentificationFailed
 from rig.fits.entries import BootstrapResult
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.projection import Weighting
-from rig.identification.models.solving import Method, huber_weights, solve_weighted, splits
+from rig.identification.models.solving import SQUARES, Method, huber_weights, solve_weighted, splits
 from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
 from rig.identification.points.inputs import fit_inputs
@@ -147,7 +147,7 @@ def bootstrap(
     """
     if count < LEAST_DRAWS:
         raise IdentificationFailed(f"bootstrap: got count = {count}, expected {LEAST_DRAWS} or more")
-    measurements = tuple(fit_inputs(tests, None, ()).fitted)
+    measurements = tuple(fit_inputs(tests, None, (), every_sample=fit.loss != SQUARES).fitted)
     task = _task(fit, measurements, seed, count)
     _refuse_others([test.id for test in fit.error.per_test], [test.id for test in measurements])
     if executor is not None:

@@ -280,8 +280,9 @@ def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
 
 def _scatter_N(tests: Sequence[Measurement]) -> float:
     """Root mean square scatter of the tests from cycle to cycle; NaN where one's is not known."""
-    power = [test.noise_N**2 * test.u_m.size for test in tests]
-    return math.sqrt(sum(power) / sum(test.u_m.size for test in tests))
+    samples = [test.u_m.size * test.recorded_each for test in tests]
+    power = [test.noise_N**2 * count for test, count in zip(tests, samples, strict=True)]
+    return math.sqrt(sum(power) / sum(samples))
 
 
 def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measurement]) -> float:

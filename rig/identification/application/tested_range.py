@@ -14,7 +14,7 @@ from rig.fits.entries import Band, TestedRange
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
 from rig.identification.models.coverage import beyond, covered_by
-from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.measurement import Measurement, first_cycle, recorded_errors
 from rig.identification.models.undetermined import only_at
 from rig.signals.test_set import LEAST_CURRENT_A, current_levels
 
@@ -60,8 +60,7 @@ def _band(law: Law, tests: Sequence[Measurement], factor: float, source: str) ->
     errors, currents, numbers = [], [], []
     tested_levels = current_levels([test.current for test in tests])
     for number, test in enumerate(map(first_cycle, tests)):
-        off = np.abs(test.force_N - law.force_of(test))
-        errors.append(off[test.scored])
+        errors.append(np.abs(recorded_errors(test, test.force_N - law.force_of(test))[test.scored]))
         currents.append(test.current_A[test.scored])
         numbers.append(np.full(errors[-1].size, tested_levels.of_test[number] or 0))
     error_N, current_A, level = np.concatenate(errors), np.concatenate(currents), np.concatenate(numbers)

@@ -96,8 +96,8 @@ def _rows(model: DamperModel, test: Measurement) -> list[slice]:
 
 def _noise_N(test: Measurement) -> float:
     """Standard deviation of the force's noise (N): from cycle to cycle, else from sample to sample."""
-    if not math.isnan(test.noise_N):
-        return max(test.noise_N, test.force_step_N / math.sqrt(12.0))
+    if not math.isnan(test.sample_noise_N):
+        return max(test.sample_noise_N, test.force_step_N / math.sqrt(12.0))
     return noise_of(np.where(test.scored, test.force_N, np.nan))
 
 

@@ -49,6 +49,23 @@ class MotionError:
         return np.zeros((0, self.errors_m.size), np.complex128) if self.together_m is None else self.together_m
 
 
+@dataclass(frozen=True)
+class MeanCycles:
+    """What the samples of a long test are the means of: recorded forces at the same phase of successive cycles.
+
+    Attributes:
+        samples: recorded samples in each mean.
+        scatter_N: standard deviation of the recorded forces about the means (N).
+        noise_N: standard deviation of the means from one mean cycle to the next (N); nan when it cannot be told.
+        peak_force_N: greatest deviation of the recorded force from its mean (N).
+    """
+
+    samples: float
+    scatter_N: float
+    noise_N: float
+    peak_force_N: float
+
+
 @dataclass(frozen=True, eq=False)
 class Measurement:
     """Whole cycles of one test, motion about mid-stroke; all arrays have shape (n,) and are kept contiguous.
@@ -82,7 +99,9 @@ class Measurement:
         force_zero_std_N: standard uncertainty of the force sensor's zero, the same error in all tests (N).
         force_step_N: quantisation step of the force (N); 0 where there is none.
         temperature_degC: recorded temperature of coil or body (degC), shape (n,); None where none was recorded.
-        noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
+        noise_N: standard deviation of the recorded force from cycle to cycle (N); nan when it cannot be told.
+        time_noise_N: the part of it that errors of the sample times make (N), which more cycles do not average.
+        means: what the samples are the means of; None where they are the recorded ones.
         warnings: what the preparation found.
 
     Raises:
@@ -119,6 +138,8 @@ class Measurement:
     force_step_N: float = 0.0
     noise_N: float = float("nan")
     temperature_degC: FloatArray | None = None
+    time_noise_N: float = 0.0
+    means: MeanCycles | None = None
     warnings: tuple[Remark, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -160,8 +181,25 @@ class Measurement:
         return np.ones(self.u_m.size, dtype=bool) if self.usable is None else self.usable
 
     @property
+    def recorded_each(self) -> float:
+        """Recorded samples that each sample stands for."""
+        return 1.0 if self.means is None else self.means.samples
+
+    @property
+    def scatter_N(self) -> float:
+        """Standard deviation (N) of the recorded forces about the samples that stand for them."""
+        return 0.0 if self.means is None else self.means.scatter_N
+
+    @property
+    def sample_noise_N(self) -> float:
+        """Standard deviation of the samples of the force from cycle to cycle (N); nan when it cannot be told."""
+        return self.noise_N if self.means is None else self.means.noise_N
+
+    @property
     def peak_force_N(self) -> float:
-        """Greatest deviation of the measured force from its mean (N), the reference of the relative error."""
+        """Greatest deviation of the recorded force from its mean (N), the reference of the relative error."""
+        if self.means is not None:
+            return self.means.peak_force_N
         force = self.force_N if self.usable is None else self.force_N[self.usable]
         mean_N = float(np.mean(force))
         return max(float(np.max(force)) - mean_N, mean_N - float(np.min(force)))
@@ -214,6 +252,13 @@ class Measurement:
         edges = np.linspace(0, self.u_m.size, max(1, math.ceil(self.u_m.size / PIECE)) + 1).astype(int).tolist()
         for start, stop in pairwise(edges):
             yield slice(start, stop)
+
+
+def recorded_errors(test: Measurement, error_N: FloatArray) -> FloatArray:
+    """Errors of the samples (n,), N, with the scatter of the recorded samples about them drawn (the same each time)."""
+    if test.scatter_N == 0.0:
+        return error_N
+    return error_N + test.scatter_N * np.random.default_rng(0).standard_normal(error_N.size)
 
 
 def set_of(tests: Sequence[Measurement]) -> TestSet:

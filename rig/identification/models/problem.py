@@ -188,7 +188,7 @@ class Problem:
 
     def _weight_squared(self, test: Measurement) -> FloatArray:
         squared = test.v_m_s**2 if self.weight == "v" else np.ones_like(test.v_m_s)
-        return np.where(test.scored, squared, 0.0)
+        return np.where(test.scored, test.recorded_each * squared, 0.0)
 
     def _join(self) -> tuple[FloatArray, ...]:
         """Motion, current, force and squared weight of all measurements end to end."""

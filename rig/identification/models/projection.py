@@ -23,6 +23,7 @@ Weight = Literal["v", "1", "relative"]
 
 PIECE = 32768
 ALL = slice(None)
+JUMP_REACH = 3.0  # intervals of mean cycles, within which a jump of the force changes their means
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
 
 
@@ -31,8 +32,8 @@ class Weighting:
     """Which samples count, and how much.
 
     Attributes:
-        weight: "v" weighs each sample by its speed (equation 12), "1" does not; "relative" weighs each test so that its
-            part of the objective is the square of its relative error (% of peak), however many samples it has.
+        weight: "v" weighs each recorded sample by its speed (equation 12), "1" does not; "relative" weighs each test so
+            that its part of the objective is the square of its relative error (% of peak), however many samples it has.
         guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
             on which side of the tanh models' jump they lie.
         reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
@@ -50,11 +51,12 @@ class Weighting:
         if self.weight == "relative":
             weights = np.full_like(speed, 100.0 / (max(test.peak_force_N, 1e-300) * math.sqrt(test.u_m.size)))
         else:
-            weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
+            weights = (speed if self.weight == "v" else np.ones_like(speed)) * math.sqrt(test.recorded_each)
+        reach_s = 0.0 if test.means is None else JUMP_REACH * test.dt_s
         if self.guard_s > 0.0:
-            weights[np.abs(test.u_m[rows]) < self.guard_s * speed] = 0.0
+            weights[np.abs(test.u_m[rows]) < (self.guard_s + reach_s) * speed] = 0.0
         if self.reversal_guard_s > 0.0:
-            weights[speed < self.reversal_guard_s * np.abs(test.a_m_s2[rows])] = 0.0
+            weights[speed < (self.reversal_guard_s + reach_s) * np.abs(test.a_m_s2[rows])] = 0.0
         if test.usable is not None:
             weights[~test.usable[rows]] = 0.0
         if self.extra is None:

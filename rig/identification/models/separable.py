@@ -239,7 +239,8 @@ def _samples(measurements: Sequence[Measurement]) -> int:
 def _noise_power(measurements: Sequence[Measurement], weighting: Weighting) -> float:
     """What the tests' scatter alone would leave of the objective; infinite where it is not known."""
     powers = [
-        test.noise_N**2 * float(np.sum(weighting.of(test, index) ** 2)) for index, test in enumerate(measurements)
+        test.sample_noise_N**2 * float(np.sum(weighting.of(test, index) ** 2))
+        for index, test in enumerate(measurements)
     ]
     return sum(powers) if math.isfinite(sum(powers)) else math.inf
 

@@ -60,7 +60,7 @@ class StateSquares(Squares):
         self._search, self._unknowns = search, unknowns
         self._data = [(test, weighting.of(test, index)) for index, test in enumerate(measurements)]
         self._scale = motion_scale(measurements)
-        noise_N = [0.0 if np.isnan(test.noise_N) else test.noise_N for test in measurements]
+        noise_N = [0.0 if np.isnan(test.sample_noise_N) else test.sample_noise_N for test in measurements]
         self.noise_power = sum(n**2 * float(w @ w) for n, (_, w) in zip(noise_N, self._data, strict=True)) or np.inf
         self.evaluations = evaluations
         self.budget = MOST_EVALUATIONS

@@ -164,7 +164,9 @@ def inconsistent_runs(
         runs.setdefault(Path(test.file).parent, []).append(test)
     if len(runs) < 2:
         return []
-    samples = {run: sum(int(np.count_nonzero(test.scored)) for test in tests) for run, tests in runs.items()}
+    samples = {
+        run: sum(np.count_nonzero(test.scored) * test.recorded_each for test in tests) for run, tests in runs.items()
+    }
     total = sum(samples[run] * error_of(tests) ** 2 for run, tests in runs.items())
     apart_N = float(np.sqrt(total / sum(samples.values())))
     if apart_N > APART_OF_TOGETHER * together_N:

@@ -5,7 +5,7 @@ What reads recordings takes as long to load as a fit takes; for measurements alo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.consistency import refuse_seen, refuse_twice, without_still
 from rig.identification.points.current_steps import lag_of
+from rig.identification.points.mean_cycles import mean_cycles
 from rig.identification.points.preparation import campaign_skews, prepare_all
 from rig.identification.points.whole_record import cut_in_time
 from rig.recording.recorded_point import RecordedPoint
@@ -50,10 +51,17 @@ class FitInputs:
     temperature_degC: tuple[float, float] | None = None
 
 
-def fit_inputs(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> FitInputs:
+def fit_inputs(
+    tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint], *, every_sample: bool = False
+) -> FitInputs:
     """Measurements to fit and held out, aligned by all points of their campaigns.
 
-    Of motion without cycles `holdout` may be a part of the time, `last 30 %`.
+    Args:
+        tests: what is fitted, and what may be held out of it.
+        holdout: which of them, or others; of motion without cycles possibly a part of the time, `last 30 %`.
+        campaign: all points of the campaigns.
+        every_sample: keep the samples of long tests, whose single outliers a robust loss looks at; else they become
+            mean cycles.
 
     Raises:
         IdentificationFailed: nothing or everything is held out, a test is there twice or on both sides, or nothing
@@ -61,15 +69,17 @@ def fit_inputs(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Rec
     """
     share = _last_share(holdout) if isinstance(holdout, str) else None
     if share is not None:
-        known = fit_inputs(tests, None, campaign)
+        known = fit_inputs(tests, None, campaign, every_sample=every_sample)
         beginnings, ends = cut_in_time(known.fitted, share)
         return replace(known, fitted=beginnings, held_out=ends)
     fitted = _measurements(tests)
     held_out = [] if holdout is None else _measurements(holdout)
     if not fitted or held_out is None or (holdout is not None and not held_out):
-        return _recorded(tests, holdout, campaign)
+        return _recorded(tests, holdout, campaign, None if every_sample else mean_cycles)
     refuse_twice(fitted)
     refuse_seen(fitted, held_out)
+    if not every_sample:
+        fitted, held_out = ([mean_cycles(test) for test in group] for group in (fitted, held_out))
     return _moving(FitInputs(fitted, held_out))
 
 
@@ -87,8 +97,11 @@ def _measurements(tests: str | Tests) -> list[Measurement] | None:
     return measurements if len(measurements) == len(tests) else None
 
 
-def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> FitInputs:
-    """As `given`, recordings among the tests.
+def _recorded(
+    tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint],
+    reduced: Callable[[Measurement], Measurement] | None,
+) -> FitInputs:
+    """As `fit_inputs`, recordings among the tests, of each of which `reduced` is kept.
 
     Raises:
         IdentificationFailed: as there.
@@ -100,7 +113,7 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
 
     recorded = points_of(tests)
     points = [point for point in recorded if point.kind in FITTED]
-    fitted = [] if isinstance(tests, Run) else [item for item in tests if isinstance(item, Measurement)]
+    fitted = _kept(tests, reduced)
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
     others: Tests = ()
@@ -115,7 +128,7 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
     elif holdout is not None:
         others = holdout
         kept_out = [point for point in points_of(others) if point.kind in FITTED]
-        held_out = [] if isinstance(others, Run) else [item for item in others if isinstance(item, Measurement)]
+        held_out = _kept(others, reduced)
         count = len(others.valid if isinstance(others, Run) else others)
         if not count:
             where = f"the run {others.path} contains no valid point" if isinstance(others, Run) else (
@@ -132,15 +145,21 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
     skews = campaign_skews([*points_of(tests, suspect=True), *points_of(others, suspect=True), *campaign])
     refused: list[str] = []
     if points or not fitted:
-        prepared, left_out = prepare_all(points, skews)
+        prepared, left_out = prepare_all(points, skews, reduced)
         fitted += prepared
         refused += left_out
     if kept_out:
-        prepared, left_out = prepare_all(kept_out, skews)
+        prepared, left_out = prepare_all(kept_out, skews, reduced)
         held_out += prepared
         refused += left_out
     lag, unusable_steps = lag_of(recorded)
     return _moving(FitInputs(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points)))
+
+
+def _kept(tests: Tests, reduced: Callable[[Measurement], Measurement] | None) -> list[Measurement]:
+    """The measurements among the tests."""
+    measurements = [] if isinstance(tests, Run) else [item for item in tests if isinstance(item, Measurement)]
+    return measurements if reduced is None else [reduced(test) for test in measurements]
 
 
 def _moving(known: FitInputs) -> FitInputs:

@@ -8,7 +8,7 @@ where the point knows it, else the measured mean.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,12 +65,16 @@ def _folder(point: RecordedPoint) -> Path | None:
     return None if point.path is None else point.path.resolve().parent
 
 
-def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> tuple[list[Measurement], list[Remark]]:
+def prepare_all(
+    points: Iterable[RecordedPoint], skews: Skews | None = None,
+    reduced: Callable[[Measurement], Measurement] | None = None,
+) -> tuple[list[Measurement], list[Remark]]:
     """Measurements of all points that can be used, and one warning for each that cannot.
 
     Args:
         points: the points to prepare.
         skews: of `campaign_skews`, of the whole campaigns that the points belong to; None: the points are all there is.
+        reduced: what to keep of each measurement before the next one is made; None: all of it.
 
     Raises:
         IdentificationFailed: no point can be used; the message says why for each.
@@ -81,7 +85,8 @@ def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> 
     known = campaign_skews(given) if skews is None else skews
     for point in given:
         try:
-            measurements.append(prepare(point, known.get((_folder(point), point.id))))
+            test = prepare(point, known.get((_folder(point), point.id)))
+            measurements.append(test if reduced is None else reduced(test))
         except RigError as error:
             refusals.append(say("left-out", test=point.id, reason=str(error)))
     if not measurements:
@@ -150,7 +155,10 @@ def _with_time_errors(test: Measurement, point: RecordedPoint) -> Measurement:
     noise_N = slope_N_s * std_s if math.isnan(test.noise_N) else math.hypot(test.noise_N, slope_N_s * std_s)
     skew_std_s = math.hypot(test.skew_std_s, std_s / math.sqrt(max(1, test.samples_per_cycle)))
     warning = say("time-errors", std_ms=1e3 * std_s)
-    return replace(test, noise_N=noise_N, skew_std_s=skew_std_s, warnings=(*test.warnings, warning))
+    return replace(
+        test, noise_N=noise_N, time_noise_N=slope_N_s * std_s, skew_std_s=skew_std_s,
+        warnings=(*test.warnings, warning),
+    )  # fmt: skip
 
 
 def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
@@ -299,13 +307,26 @@ def cycle_scatter_N(
     first = force_N[inside]
     later = force_N[low[inside]] * (1.0 - share) + force_N[low[inside] + 1] * share
     spread = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-    differences = (first - later) / spread
-    if differences.size == 0:
+    if first.size == 0:
         return math.nan
-    trend = np.column_stack((np.ones(first.size), first + later)) / spread[:, None]
-    steady = differences - trend @ np.linalg.lstsq(trend, differences, rcond=None)[0]
+    return math.sqrt(max(0.0, repeat_scatter_N(first, later, spread) ** 2 - step_N**2 / 12.0))
+
+
+def repeat_scatter_N(first_N: FloatArray, later_N: FloatArray, spread: FloatArray | float) -> float:
+    """Standard deviation (N) of forces by those at the same phase of the next cycle.
+
+    Args:
+        first_N: forces (n,), at least one.
+        later_N: those of the next cycle (n,).
+        spread: standard deviation of their difference for one of 1 N of each force, (n,) or the same for all.
+    """
+    differences = (first_N - later_N) / spread
+    # By the normal equations of one gain and one zero: a singular-value decomposition of all samples takes longer.
+    zero, gain = np.ones(first_N.size) / spread, (first_N + later_N) / spread
+    normal = np.array([[zero @ zero, zero @ gain], [zero @ gain, gain @ gain]])
+    (by_zero, by_gain), *_ = np.linalg.lstsq(normal, np.array([zero @ differences, gain @ differences]), rcond=None)
+    steady = differences - by_zero * zero - by_gain * gain
     scatter_N, without_drift_N = (
         float(np.median(np.abs(left_N - np.median(left_N)))) / MEDIAN_OF_NORMAL for left_N in (differences, steady)
     )
-    scatter_N = without_drift_N if scatter_N > DRIFTS * without_drift_N else scatter_N
-    return math.sqrt(max(0.0, scatter_N**2 - step_N**2 / 12.0))
+    return without_drift_N if scatter_N > DRIFTS * without_drift_N else scatter_N

@@ -28,7 +28,7 @@ import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.fits.entries import Residual
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import MeanCycles, Measurement
 from rig.identification.models.model_slope import (
     FittedModel,
     current_slope,
@@ -111,7 +111,7 @@ def information(
         counting = weighting.counting(test, index)
         error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
         residual = assess_residual(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
-        residuals.append(residual)
+        residuals.append(residual if test.means is None else _of_recorded(residual, test.means, power))
         motion_N2.append(sums.known_power)
         independent += sums.count / residual.widening
         total.force_power += sums.force_power
@@ -123,6 +123,13 @@ def information(
     freedom = max(MINIMUM_FREEDOM, independent - size)
     meat = total.noise * max(1.0, independent / freedom) + total.shared.T @ total.shared + total.alone
     return _invert(fitted.names, total, meat, (tuple(residuals), tuple(motion_N2)), freedom)
+
+
+def _of_recorded(residual: Residual, means: MeanCycles, power_N2: float) -> Residual:
+    """What the residual of mean cycles, of this mean square (N^2), says of the recorded samples."""
+    whole_N2 = power_N2 + means.scatter_N**2
+    widening = residual.widening * means.samples * power_N2 / whole_N2 if whole_N2 > 0.0 else 1.0
+    return replace(residual, noise_N=math.hypot(residual.noise_N, means.scatter_N), widening=max(1.0, widening))
 
 
 class _Sums:

@@ -91,8 +91,8 @@ def mean_weight(weighting: Weighting, test: Measurement, index: int) -> float:
 def _noise_power(test: Measurement, residual_N: FloatArray) -> float:
     kept = residual_N[test.scored] if test.usable is not None else residual_N
     power = float(kept @ kept) / max(1, kept.size)
-    if not math.isnan(test.noise_N):
-        power = min(power, test.noise_N**2)
+    if not math.isnan(test.sample_noise_N):
+        power = min(power, test.sample_noise_N**2)
     return max(power, test.force_step_N**2 / 12.0, 1e-300)
 
 

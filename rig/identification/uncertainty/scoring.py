@@ -16,7 +16,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.fits.entries import ErrorSummary, Passivity, TestError
-from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.measurement import Measurement, recorded_errors, samples_a_cycle
 from rig.identification.models.model_slope import FittedModel, modelled_force, unseen_force
 from rig.identification.models.projection import Weighting
 from rig.identification.remarks import Remark, say, some
@@ -51,23 +51,23 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
             (test.force_N, modelled) if test.usable is None else (test.force_N[test.usable], modelled[test.usable])
         )
         error = np.subtract(force, model_N, out=model_N)  # what was modelled is not needed any more
-        mean_N, peak = float(np.mean(force)), test.peak_force_N
-        counts.append(error.size)
-        errors.append(float(np.sum(error)))
-        squares.append(float(error @ error))
-        sizes.append(float(np.sum(np.abs(error, out=error))))
+        mean_N, peak, count = float(np.mean(force)), test.peak_force_N, round(error.size * test.recorded_each)
+        counts.append(count)
+        errors.append(count * float(np.mean(error)))
+        squares.append(count * (float(error @ error) / error.size + test.scatter_N**2))
+        sizes.append(count * float(np.mean(np.abs(recorded_errors(test, error)))))
         forces.append(mean_N)
-        spreads.append(float(np.var(force)) * force.size)
-        rmse = math.sqrt(squares[-1] / error.size)
+        spreads.append(count * (float(np.var(force)) + test.scatter_N**2))
+        rmse = math.sqrt(squares[-1] / count)
         tests.append(
             TestError(
                 id=test.id,
                 file=test.file,
                 rmse_N=rmse,
-                mae_N=sizes[-1] / error.size,
+                mae_N=sizes[-1] / count,
                 nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
                 noise_N=None if math.isnan(test.noise_N) else test.noise_N,
-                samples=int(error.size),
+                samples=count,
                 energy_J=energies[0],
                 modelled_energy_J=energies[1],
             )
@@ -119,10 +119,10 @@ def describes(
     Raises:
         KeyError: a parameter is missing.
     """
-    samples, noise, beyond, repeating, peaks = 0, 0.0, 0.0, 0.0, []
+    samples, noise, beyond, repeating, peaks = 0.0, 0.0, 0.0, 0.0, []
     left = corrected_residuals(FittedModel(model, values, ()), measurements, weighting) if left is None else left
     for index, (test, error) in enumerate(zip(measurements, left, strict=True)):
-        if math.isnan(test.noise_N) and test.u_m.size < FEWEST_CYCLES * samples_a_cycle(test.u_m):
+        if math.isnan(test.sample_noise_N) and test.u_m.size < FEWEST_CYCLES * samples_a_cycle(test.u_m):
             continue
         counting = weighting.counting(test, index)
         residual = assess_residual(error, counting, test.u_m, test.dt_s)
@@ -130,14 +130,15 @@ def describes(
         if count == 0:
             continue
         known = count * _no_misfit(model, values, test, None if motion_N2 is None else motion_N2[index])
-        scatter_N = residual.noise_N if math.isnan(test.noise_N) else test.noise_N
-        scatter = max(scatter_N**2, test.force_step_N**2 / 12.0)
-        samples += count
-        noise += count * scatter
-        beyond += sum_of_squares(error, counting) - count * scatter - known
-        repeating += max(0.0, count * residual.repeating_N**2 - known)
+        own_N = residual.noise_N if math.isnan(test.sample_noise_N) else test.sample_noise_N
+        recorded_N = math.hypot(own_N, test.scatter_N) if math.isnan(test.noise_N) else test.noise_N
+        step, each = test.force_step_N**2 / 12.0, test.recorded_each
+        samples += count * each
+        noise += count * each * max(recorded_N**2, step)
+        beyond += each * (sum_of_squares(error, counting) - count * max(own_N**2, step / each) - known)
+        repeating += each * max(0.0, count * residual.repeating_N**2 - known)
         peaks.append(test.peak_force_N)
-    if samples == 0:
+    if samples == 0.0:
         return None
     noise_N, peak_N = math.sqrt(noise / samples), sum(peaks) / len(peaks)
     misfit_N, repeating_N = math.sqrt(max(0.0, beyond) / samples), math.sqrt(repeating / samples)

@@ -1,0 +1,235 @@
+"""Long tests as mean cycles: each sample the mean of recorded ones at the same phase, so that a fit costs the same.
+
+Of a motion that repeats at a constant current, every recorded force is a value at a phase of the cycle plus noise. What
+the samples of a phase say about a model's parameters is in their mean and their number; what they say about the noise
+is in their scatter, which is kept (`MeanCycles`). Successive cycles are averaged in groups, so that a drift, heating of
+the damper and the scatter from cycle to cycle are still seen; of a finely sampled cycle neighbours are averaged too.
+
+A mean over an interval of phases is not the value at its middle: with the samples' mean distance d and mean square
+distance from there, `F(middle) = mean F - F' mean d - F''/2 mean d^2`, the derivatives from the mean of all cycles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.arrays import FloatArray
+from rig.identification.models.measurement import MeanCycles, Measurement, samples_a_cycle
+from rig.identification.points.preparation import repeat_scatter_N
+from rig.identification.remarks import say
+from rig.signals.waveform import WAVEFORMS
+
+LONG = 65_536
+"""Samples of a test up to which all are fitted."""
+KEPT = 32_768
+"""Means of a long test, about: more cost time, fewer make the interval of phases wide."""
+MOST_PHASES = 2048
+FEWEST_GROUPS = 16
+WORTHWHILE = 1.5
+"""Recorded samples in a mean, below which averaging is not worth it."""
+TIE = 0.01
+"""Of the interval: samples that lie so near between two all go to the lower one, in every cycle."""
+SHARPENED = 3
+"""Rounds in which the values at the middle are found from the means."""
+MOTION = ("u_m", "v_m_s", "a_m_s2", "unseen_v_m_s", "unseen_a_m_s2")
+OUT_OF_NOISE = 6.0
+"""Power over the noise, below which a harmonic of the force does not tell how a mean differs from the middle value."""
+REPEATS = {"u_m": 1e-4, "v_m_s": 1e-3, "a_m_s2": 3e-2}
+"""Largest deviation of the motion from its mean cycle, of its root mean square, with which it repeats."""
+FEWEST_OF_MEAN = 0.5
+"""Share of the usual number of samples, below which a mean counts for none."""
+
+
+def mean_cycles(test: Measurement) -> Measurement:
+    """A long test whose motion repeats, by its mean cycles; any other test as it is."""
+    if test.u_m.size <= LONG or test.waveform not in WAVEFORMS or test.samples_per_cycle < 1:
+        return test
+    if test.commanded_A is not None or float(np.ptp(test.current_A)) > 0.0:
+        return test
+    places = _Places.of(test)
+    if test.u_m.size < WORTHWHILE * places.groups * places.phases:
+        return test
+    motion = _motion(test, places)
+    return test if motion is None else _averaged(test, places, motion)
+
+
+def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArray]) -> Measurement:
+    """The test by its means, with the motion over the mean cycle."""
+    sums, scored = _Sums(places.groups, places.phases, 1), test.scored
+    for rows, group, phase, apart in _pieces(test, places):
+        some = scored[rows]
+        sums.add(group[some], phase[some], apart[some], (test.force_N[rows][some],))
+    (curve,), (apart_mean, square, means_N) = sums.curves(noisy=True), sums.means()
+    known = sums.counts >= FEWEST_OF_MEAN * float(np.median(sums.counts[sums.counts > 0.0]))
+    force_N = np.where(known, means_N - curve.slope * apart_mean - 0.5 * curve.bend * square, 0.0)
+    squares_N2, count = 0.0, float(np.sum(sums.counts[known]))
+    for rows, group, phase, apart in _pieces(test, places):
+        some = scored[rows] & known[group, phase]
+        expected_N = force_N[group, phase] + curve.beside(phase, apart)
+        squares_N2 += float(np.sum((test.force_N[rows] - expected_N)[some] ** 2))
+    both, noise_N = known[:-1] & known[1:], math.nan
+    if np.any(both):
+        noise_N = repeat_scatter_N(force_N[:-1][both], force_N[1:][both], math.sqrt(2.0))
+    each = count / np.count_nonzero(known)
+    numbers = {"cycles": places.cycles, "groups": places.groups, "phases": places.phases, "each": each}
+    noise_N = math.hypot(noise_N, test.time_noise_N)
+    whole: dict[str, Any] = {name: np.tile(values, places.groups) for name, values in motion.items()}
+    return replace(
+        test, **whole,
+        force_N=force_N.ravel(), current_A=np.full(force_N.size, float(test.current_A[0])),
+        dt_s=test.dt_s * places.period / places.phases, samples_per_cycle=places.phases,
+        usable=None if bool(np.all(known)) else known.ravel(), temperature_degC=_temperature_degC(test, places),
+        means=MeanCycles(each, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N),
+        warnings=(*test.warnings, say("mean-cycles", samples=test.u_m.size, **numbers)),
+    )  # fmt: skip
+
+
+def _temperature_degC(test: Measurement, places: _Places) -> FloatArray | None:
+    """The mean recorded temperature (degC) of each mean; None where none was recorded."""
+    if test.temperature_degC is None:
+        return None
+    sums = _Sums(places.groups, places.phases, 1)
+    for rows, group, phase, apart in _pieces(test, places):
+        sums.add(group, phase, apart, (test.temperature_degC[rows],))
+    return np.ravel(sums.means()[2])
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where the samples belong: groups of successive cycles, intervals of phases.
+
+    Attributes:
+        period: samples in a cycle, not rounded.
+        cycles: whole cycles of the test.
+        phases: intervals of a cycle.
+        groups: groups of cycles.
+    """
+
+    period: float
+    cycles: int
+    phases: int
+    groups: int
+
+    @classmethod
+    def of(cls, test: Measurement) -> _Places:
+        """Those of a test; as many neighbours as possible have the same number of samples."""
+        period = samples_a_cycle(test.u_m)
+        cycles = max(1, int(test.u_m.size / period + TIE))
+        phases = max(1, round(period / math.ceil(period / MOST_PHASES)))
+        together = max(1, cycles // max(FEWEST_GROUPS, KEPT // phases))
+        return cls(period, cycles, phases, max(1, cycles // together))
+
+    def at(self, rows: slice) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        """Group and interval of some samples, and their distance from its middle (intervals), shape (n,) each."""
+        place = np.arange(rows.start, rows.stop) * (self.phases / self.period)
+        whole = np.floor(place + 0.5 - TIE).astype(np.int64)
+        cycle = np.minimum(whole // self.phases, self.cycles - 1)
+        return cycle * self.groups // self.cycles, whole % self.phases, place - whole
+
+
+class _Sums:
+    """Sums over the samples in each group and interval: their number, distances from the middle, columns of values."""
+
+    def __init__(self, groups: int, phases: int, columns: int) -> None:
+        self._sums = np.zeros((columns + 3, groups, phases))
+
+    def add(
+        self, group: NDArray[np.int64], phase: NDArray[np.int64], apart: FloatArray, columns: Sequence[FloatArray]
+    ) -> None:
+        """Add samples, (n,) each."""
+        _, groups, phases = self._sums.shape
+        cell = group * phases + phase
+        for sums, values in zip(self._sums, (None, apart, apart**2, *columns), strict=True):
+            sums += np.bincount(cell, values, groups * phases).reshape(groups, phases)
+
+    @property
+    def counts(self) -> FloatArray:
+        """Samples of each group and interval, (groups, phases)."""
+        counts: FloatArray = self._sums[0]
+        return counts
+
+    def means(self) -> FloatArray:
+        """Mean distance, square distance and columns, (columns + 2, groups, phases); 0 without samples."""
+        return np.asarray(self._sums[1:] / np.maximum(self.counts, 1.0))
+
+    def curves(self, *, noisy: bool) -> list[_Curve]:
+        """Each column over the cycle, all groups together; `noisy`: bent only as its noise certainly is not."""
+        total = self._sums.sum(axis=1)
+        seen = np.flatnonzero(total[0])
+        apart, square, *columns = (
+            np.interp(np.arange(total.shape[1]), seen, row[seen] / total[0][seen], period=total.shape[1])
+            for row in total[1:]
+        )
+        return [_Curve.through(values, apart, square, noisy=noisy) for values in columns]
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """A value over the cycle, (phases,): at the middle of each interval, with its slope and bend (per interval)."""
+
+    values: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+
+    @classmethod
+    def through(cls, means: FloatArray, apart: FloatArray, square: FloatArray, *, noisy: bool) -> _Curve:
+        """The curve with these means over samples at these mean distances and mean square distances."""
+        curve = cls._of(means, noisy=noisy)
+        for _ in range(SHARPENED):
+            curve = cls._of(means - curve.slope * apart - 0.5 * curve.bend * square, noisy=noisy)
+        return curve
+
+    @classmethod
+    def _of(cls, values: FloatArray, *, noisy: bool) -> _Curve:
+        smooth = _standing_out(values) if noisy else values
+        before2, before, after, after2 = (np.roll(smooth, by) for by in (2, 1, -1, -2))
+        slope = (8.0 * (after - before) - (after2 - before2)) / 12.0
+        return cls(values, slope, (16.0 * (after + before) - (after2 + before2) - 30.0 * smooth) / 12.0)
+
+    def at(self, phase: NDArray[np.int64], apart: FloatArray) -> FloatArray:
+        """The value at distances (n,) from the middle of intervals (n,)."""
+        return np.asarray(self.values[phase] + self.beside(phase, apart))
+
+    def beside(self, phase: NDArray[np.int64], apart: FloatArray) -> FloatArray:
+        """What the value at distances (n,) has beyond that at the middle of intervals (n,)."""
+        return np.asarray((self.slope[phase] + 0.5 * self.bend[phase] * apart) * apart)
+
+
+def _standing_out(values: FloatArray) -> FloatArray:
+    """The harmonics of a curve that stand out of its noise: what bends by noise bends all groups, as a misfit would."""
+    spectrum = np.fft.rfft(values)
+    power = np.abs(spectrum) ** 2
+    noise = float(np.median(power[power.size // 2 :])) / math.log(2.0)
+    return np.fft.irfft(np.where(power > OUT_OF_NOISE * noise, spectrum, 0.0), values.size)
+
+
+def _pieces(
+    test: Measurement, places: _Places
+) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64], FloatArray]]:
+    """The samples piece by piece: rows, group, interval, distance."""
+    for rows in test.pieces():
+        yield rows, *places.at(rows)
+
+
+def _motion(test: Measurement, places: _Places) -> dict[str, FloatArray] | None:
+    """The motion over the mean cycle, (phases,) each; None where it does not repeat."""
+    names = [name for name in MOTION if getattr(test, name) is not None]
+    sums = _Sums(1, places.phases, len(names))
+    for rows, group, phase, apart in _pieces(test, places):
+        sums.add(np.zeros_like(group), phase, apart, [getattr(test, name)[rows] for name in names])
+    curves = dict(zip(names, sums.curves(noisy=False), strict=True))
+    for name, share in REPEATS.items():
+        left = size = 0.0
+        for rows, _, phase, apart in _pieces(test, places):
+            values = getattr(test, name)[rows]
+            left += float(np.sum((values - curves[name].at(phase, apart)) ** 2))
+            size += float(np.sum(values**2))
+        if left > share**2 * size:
+            return None
+    return {name: curve.values for name, curve in curves.items()}
