@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rig.errors import RigError
 from rig.signals.arrays import FloatArray
 from rig.signals.fourier import quantisation_step, significant_orders
-from rig.signals.phase_sums import ComplexArray, phase_sums, series_at
+from rig.signals.phase_sums import normal_sums, series_at
 
 MAXIMUM_HARMONICS = 400
 REPEATS = 0.003  # share of the amplitude
@@ -319,9 +319,7 @@ def _solved(
     The normal equations of the columns 1, cos(k w t), sin(k w t) hold sums over the harmonics only; those of the slope
     along omega are the same with every sample's phase, and its square, as weights.
     """
-    turns, highest = _turns(t, omega), int(orders[-1])
-    normal, with_turns, with_squares = (_products(one, orders) for one in phase_sums(turns, (None,), 2 * highest, 2)[0])
-    right, right_with_turns = (_columns(one, orders) for one in phase_sums(turns, (u,), highest, 1)[0])
+    (normal, with_turns, with_squares), (right, right_with_turns) = normal_sums(_turns(t, omega), u, orders)
     coefficients = np.asarray(np.linalg.solve(normal, right), np.float64)
     slope = np.zeros(coefficients.size)  # columns times this and the phase: the change along omega, times omega / 2 pi
     slope[1::2], slope[2::2] = orders * coefficients[2::2], -orders * coefficients[1::2]
@@ -337,27 +335,6 @@ def _solved(
 def _turns(t: FloatArray, omega: float) -> FloatArray:
     """Phase (cycles) of times since the origin (s)."""
     return t * (omega / (2.0 * np.pi))
-
-
-def _columns(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
-    """Sums of 1, cos(k w t), sin(k w t), shape (2 K + 1,), from those of exp(i j w t) for j up to the highest order."""
-    columns = np.empty(2 * orders.size + 1)
-    columns[0], columns[1::2], columns[2::2] = sums[0].real, sums[orders].real, sums[orders].imag
-    return columns
-
-
-def _products(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
-    """Sums of the products of 1, cos(k w t), sin(k w t), shape (2 K + 1, 2 K + 1), from those up to twice the order."""
-    apart = orders[:, None] - orders
-    added, less = sums[orders[:, None] + orders], sums[np.abs(apart)]
-    lower_sine = np.sign(apart) * less.imag
-    products = np.empty((2 * orders.size + 1, 2 * orders.size + 1))
-    products[0] = products[:, 0] = _columns(sums, orders)
-    products[1::2, 1::2] = 0.5 * (less.real + added.real)
-    products[2::2, 2::2] = 0.5 * (less.real - added.real)
-    products[2::2, 1::2] = 0.5 * (added.imag + lower_sine)
-    products[1::2, 2::2] = products[2::2, 1::2].T
-    return products
 
 
 def _series(t: FloatArray, omega: float, orders: NDArray[np.int64], coefficients: FloatArray) -> FloatArray:

@@ -17,9 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
-
-ComplexArray = NDArray[np.complex128]
+from rig.signals.arrays import ComplexArray, FloatArray
 
 CHUNK = 1 << 16
 ACCURACY = 1e-14
@@ -83,6 +81,45 @@ def series_at(turns: FloatArray, spectra: ComplexArray) -> FloatArray:
                 value *= offset
                 value += table[term][nearest]
     return values
+
+
+def normal_sums(turns: FloatArray, values: FloatArray, orders: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+    """The normal equations of the columns 1, cos(2 pi k turns), sin(2 pi k turns), weighted by powers of the phase.
+
+    Args:
+        turns: phases of the samples (cycles), shape (n,).
+        values: samples, shape (n,).
+        orders: k, rising, shape (K,).
+
+    Returns:
+        Sums of turns^q times the products of two columns for q = 0, 1, 2, shape (3, 2 K + 1, 2 K + 1), and of turns^q
+        times column and value for q = 0, 1, shape (2, 2 K + 1); each order's cosine is before its sine.
+    """
+    highest = int(orders[-1])
+    products = [_products(sums, orders) for sums in phase_sums(turns, (None,), 2 * highest, 2)[0]]
+    columns = [_columns(sums, orders) for sums in phase_sums(turns, (values,), highest, 1)[0]]
+    return np.array(products), np.array(columns)
+
+
+def _columns(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
+    """Sums of each column, (2 K + 1,), from those of exp(2 pi i j turns) for j up to the highest order."""
+    columns = np.empty(2 * orders.size + 1)
+    columns[0], columns[1::2], columns[2::2] = sums[0].real, sums[orders].real, sums[orders].imag
+    return columns
+
+
+def _products(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
+    """Sums of products of two columns, (2 K + 1, 2 K + 1), from those of exp(2 pi i j turns) up to twice the order."""
+    apart = orders[:, None] - orders
+    added, less = sums[orders[:, None] + orders], sums[np.abs(apart)]
+    lower_sine = np.sign(apart) * less.imag
+    products = np.empty((2 * orders.size + 1, 2 * orders.size + 1))
+    products[0] = products[:, 0] = _columns(sums, orders)
+    products[1::2, 1::2] = 0.5 * (less.real + added.real)
+    products[2::2, 2::2] = 0.5 * (less.real - added.real)
+    products[2::2, 1::2] = 0.5 * (added.imag + lower_sine)
+    products[1::2, 2::2] = products[2::2, 1::2].T
+    return products
 
 
 def _grid(count: int, highest: int) -> tuple[int, int]:

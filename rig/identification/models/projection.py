@@ -23,7 +23,7 @@ Weight = Literal["v", "1", "relative"]
 
 PIECE = 32768
 ALL = slice(None)
-JUMP_REACH = 3.0  # intervals of mean cycles, within which a jump of the force changes their means
+JUMP_REACH = 1.5  # intervals of mean cycles, within which a jump of the force changes their means
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
 
 

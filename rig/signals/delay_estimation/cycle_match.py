@@ -25,6 +25,7 @@ from rig.signals.arrays import FloatArray, IntArray, TimeSeries
 from rig.signals.delay_estimation.sample_match import Match, student
 from rig.signals.fourier import FALSE_ALARM, FIRST_LINE, GRID, HIGHEST_SHARE, Series, series_of
 from rig.signals.loop_shape import noise_of
+from rig.signals.phase_sums import normal_sums
 
 FEWEST_CYCLES = 2
 FEWEST_REFERENCES = 8
@@ -55,7 +56,6 @@ HARMONICS = 9
 """Of the motion, beside its frequency."""
 SINGULAR = 1e-12
 """Of the columns' products, below which they tell nothing."""
-SAMPLES_AT_ONCE = 8192
 LARGEST_CHANGE = 0.03
 """Relative: beyond it what the samples show of the period is not the program's."""
 LARGEST_COMPLIANCE_m_N = 1e-5
@@ -125,36 +125,21 @@ def refined(cycles: CycleStretch, time_s: FloatArray, values: FloatArray) -> Cyc
     y = (y - np.mean(y)) / np.ptp(y)
     omega, per_cycle = math.tau / cycles.period_s, cycles.period_s / (half_s * float(np.median(np.diff(t))))
     count = max(1, min(HARMONICS, int(HIGHEST_SHARE * per_cycle)))
-    known, orders = 2 * count + 1, np.arange(1, count + 1)
+    orders = np.arange(1, count + 1)
     for _ in range(2):
-        gram, right = _sums(t, y, half_s * omega, count)
-        amplitudes = np.linalg.lstsq(gram[:known, :known], right[:known], rcond=SINGULAR)[0]
-        cosine, sine = np.split(amplitudes[1:], 2)
-        # Of the columns of `_sums`: each harmonic's own, and together those times the time, by the frequency.
-        basis = np.zeros((len(right), known + 1))
-        basis[:known, :known] = np.eye(known)
-        basis[known:, known] = np.concatenate((orders * sine, -orders * cosine))
-        solution = np.linalg.lstsq(basis.T @ gram @ basis, basis.T @ right, rcond=SINGULAR)[0]
-        omega += float(solution[known]) / half_s
+        products, columns = normal_sums(t * (half_s * omega / math.tau), y, orders)
+        (gram, with_turns, with_squares), (right, right_with_turns) = products, columns
+        amplitudes = np.linalg.lstsq(gram, right, rcond=SINGULAR)[0]
+        slope = np.zeros(len(right))  # of the columns times the phase: the change along the frequency
+        slope[1::2], slope[2::2] = orders * amplitudes[2::2], -orders * amplitudes[1::2]
+        cross = with_turns @ slope
+        normal = np.block([[gram, cross[:, None]], [cross, slope @ with_squares @ slope]])
+        solution = np.linalg.lstsq(normal, np.append(right, slope @ right_with_turns), rcond=SINGULAR)[0]
+        omega *= 1.0 + float(solution[-1]) / math.tau
     period_s = math.tau / omega
     if not abs(period_s / cycles.period_s - 1.0) < LARGEST_CHANGE:
         return cycles
     return CycleStretch(cycles.start_s, cycles.end_s, period_s)
-
-
-def _sums(t: FloatArray, y: FloatArray, turns: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Products of columns with each other and with samples (n,): 1, cosines, sines, and both times the time t (n,).
-
-    A part of the samples at a time: a long record would not find room for its columns.
-    """
-    gram, right = np.zeros((4 * count + 1, 4 * count + 1)), np.zeros(4 * count + 1)
-    for first in range(0, len(t), SAMPLES_AT_ONCE):
-        at, values = t[first : first + SAMPLES_AT_ONCE, None], y[first : first + SAMPLES_AT_ONCE]
-        waves = np.cumprod(np.repeat(np.exp(1j * turns * at), count, axis=1), axis=1)
-        design = np.hstack((np.ones_like(at), waves.real, waves.imag, at * waves.real, at * waves.imag))
-        gram += design.T @ design
-        right += design.T @ values
-    return gram, right
 
 
 def match_cycles(
