@@ -33,6 +33,8 @@ MOST_PHASES = 2048
 FEWEST_GROUPS = 16
 WORTHWHILE = 1.5
 """Recorded samples in a mean, below which averaging is not worth it."""
+SAME_PERIOD = 0.01
+"""Relative difference of the period that the motion shows and the one that is known."""
 TIE = 0.01
 """Of the interval: samples that lie so near between two all go to the lower one, in every cycle."""
 SHARPENED = 3
@@ -53,7 +55,8 @@ def mean_cycles(test: Measurement) -> Measurement:
     if test.commanded_A is not None or float(np.ptp(test.current_A)) > 0.0:
         return test
     places = _Places.of(test)
-    if test.u_m.size < WORTHWHILE * places.groups * places.phases:
+    known = abs(places.period - test.samples_per_cycle) <= SAME_PERIOD * places.period
+    if not known or test.u_m.size < WORTHWHILE * places.groups * places.phases:
         return test
     motion = _motion(test, places)
     return test if motion is None else _averaged(test, places, motion)
