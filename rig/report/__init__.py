@@ -4,7 +4,22 @@ Nothing is measured or fitted here; what is shown comes from `rig.recording`, `r
 `rig.identification`.
 """
 
-from rig.report.document import write_report
-from rig.report.figures import figures
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.report.document import write_report
+    from rig.report.figures import figures
 
 __all__ = ["figures", "write_report"]
+
+_HOMES = {"figures": "rig.report.figures", "write_report": "rig.report.document"}
+
+
+def __getattr__(name: str) -> object:
+    """A function of this room: what writes a report takes as long to load as a fit, whose tables need one section."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value

@@ -47,6 +47,7 @@ SYMMETRIC = 2.0  # the rounding of a cycle whose halves mirror each other lies i
 OFF_GRID, FEWEST_SINGLE = 0.02, 8
 """Share of a step by which levels may be off their grid, and how many gaps of a single step tell it."""
 STEP_TOLERANCE = 0.01  # of a step, within which all values of a quantised signal lie on its grid
+MOST_VALUES = 250_000  # of a signal, from which its levels are found
 MOST_GAPS = 400  # differences of neighbouring values from which the step is found
 FEWEST_STORED = 4.0  # a step is at least so many steps of the stored numbers
 RESOLVED = 1e-3  # share of the strongest harmonic that folding tells from its own rounding
@@ -270,7 +271,7 @@ def quantisation_step(values: FloatArray) -> float:
 
     Where there is none, the resolution of the single-precision numbers in which signals are stored.
     """
-    levels = np.unique(values)
+    levels = np.unique(values[:: 1 + values.size // MOST_VALUES])
     if levels.size < 2:
         return 0.0
     stored = 2.0**-23 * float(np.max(np.abs(levels)))

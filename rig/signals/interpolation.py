@@ -50,16 +50,19 @@ def monotone_at(query_s: FloatArray, time_s: FloatArray, values: FloatArray, per
         (m,) values; NaN as `cubic_at`.
     """
     inside, near = _between(query_s, time_s, 2)
-    steps = [time_s[near + k] - time_s[near + k - 1] for k in (-1, 0, 1)]
-    slopes = [(values[near + k] - values[near + k - 1]) / step for k, step in zip((-1, 0, 1), steps, strict=True)]
-    whole = np.all([step <= LARGEST_STEP_PERIODS * period_s for step in steps], axis=0)
-    first, last = (_limited(steps[k], steps[k + 1], slopes[k], slopes[k + 1]) for k in (0, 1))
-    step, part = steps[1], (query_s[inside] - time_s[near - 1]) / steps[1]
+    near -= 1  # the last sample before
+    steps = np.diff(time_s)
+    slopes = np.diff(values) / steps
+    at_nodes = _limited(steps[:-1], steps[1:], slopes[:-1], slopes[1:])  # from the second sample on
+    close = steps <= LARGEST_STEP_PERIODS * period_s
+    whole = (close[:-2] & close[1:-1] & close[2:])[near - 1]
+    first, last, low, high = at_nodes[near - 1], at_nodes[near], values[near], values[near + 1]
+    step = steps[near]
+    part = (query_s[inside] - time_s[near]) / step
     rest = 1.0 - part
-    curve = values[near - 1] * rest**2 * (1.0 + 2.0 * part) + values[near] * part**2 * (3.0 - 2.0 * part)
+    curve = low * rest**2 * (1.0 + 2.0 * part) + high * part**2 * (3.0 - 2.0 * part)
     curve += step * part * rest * (rest * first - part * last)
-    low, high = np.minimum(values[near - 1], values[near]), np.maximum(values[near - 1], values[near])
-    return _placed(np.where(whole, np.clip(curve, low, high), np.nan), inside)
+    return _placed(np.where(whole, np.clip(curve, np.minimum(low, high), np.maximum(low, high)), np.nan), inside)
 
 
 def _between(query_s: FloatArray, time_s: FloatArray, either_side: int) -> tuple[BoolArray, IntArray]:

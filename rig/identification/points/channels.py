@@ -19,6 +19,7 @@ from rig.signals.test_set import is_steady, read_current
 
 FEWEST_SAMPLES = 50
 LARGEST_MISSING_SHARE = 0.2
+FEW_LAGS = 16  # of the current's readings, after which most are unrelated and a transform of all is not needed
 
 
 def measured(
@@ -131,12 +132,26 @@ def current_std(point: RecordedPoint, query_s: FloatArray) -> float:
     count = inside_A.size
     if count < FEWEST_SAMPLES or float(np.std(inside_A)) == 0.0 or not is_steady(inside_A):
         return 0.0
-    spectrum = np.fft.rfft(inside_A - np.mean(inside_A), 2 * count)
-    covariances = np.fft.irfft(np.abs(spectrum) ** 2)[:count] / count
-    ended = np.flatnonzero(covariances <= 0.0)
-    together = covariances[: int(ended[0]) if ended.size else count]
+    centred_A = inside_A - np.mean(inside_A)
+    together = _first_covariances(centred_A, FEW_LAGS)
+    if together.size == FEW_LAGS:
+        spectrum = np.fft.rfft(centred_A, 2 * count)
+        covariances = np.fft.irfft(np.abs(spectrum) ** 2)[:count] / count
+        ended = np.flatnonzero(covariances <= 0.0)
+        together = covariances[: int(ended[0]) if ended.size else count]
     independent = count - 2 * together.size + 1  # the mean is their own: what it takes with it is missing in each
     return math.sqrt(float(2.0 * np.sum(together) - together[0]) / max(1, independent))
+
+
+def _first_covariances(centred: FloatArray, most: int) -> FloatArray:
+    """Autocovariances of a centred signal (n,) before the first that is not positive, `most` of them at most."""
+    found: list[float] = []
+    for lag in range(most):
+        covariance = float(centred[: centred.size - lag] @ centred[lag:]) / centred.size
+        if covariance <= 0.0:
+            break
+        found.append(covariance)
+    return np.array(found)
 
 
 def _current_in(point: RecordedPoint, query_s: FloatArray) -> FloatArray:
