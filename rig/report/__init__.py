@@ -16,8 +16,8 @@ __all__ = ["figures", "write_report"]
 _HOMES = {"figures": "rig.report.figures", "write_report": "rig.report.document"}
 
 
+# What writes a report takes as long to load as a fit, whose tables need one section of it.
 def __getattr__(name: str) -> object:
-    """A function of this room: what writes a report takes as long to load as a fit, whose tables need one section."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)
