@@ -49,14 +49,19 @@ def command(
 
     Use this command to compare a damper before and after an endurance test, to compare two specimens, or to check one
     specimen against its tolerances. Only valid points are used. Motions tested in both runs are compared in terms of
-    force at peak velocity, energy, damping and dynamic range; fits are compared in terms of their parameters.
+    force at peak velocity, energy, damping and dynamic range; fits are compared in terms of their parameters. With
+    --bands, more than 12 runs (up to 1,000) are listed with their verdicts.
     """
     # loads numpy and pydantic: not needed for the help
     from rig.comparison import compare
+    from rig.comparison.differences import MOST_RUNS
 
+    several = len(runs) > MOST_RUNS
+    if several:
+        _refuse_page(len(runs), MOST_RUNS, requested=on_paper or out is not None)
     if on_paper:
         out = _page_of(out, runs[0])
-    with workers_for(scheduler, 1) as workers:
+    with workers_for(scheduler, None if several else 1) as workers:
         compared = compare(runs, bands, workers)
     pages: list[str] = [] if out is None else _written(compared, out.resolve(), on_paper=on_paper)
     if as_json:
@@ -68,6 +73,16 @@ def command(
             say(shown_path(Path(page)))
     accepted = compared.judgement is None or compared.judgement.passed
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
+
+
+def _refuse_page(count: int, most: int, *, requested: bool) -> None:
+    """Refuse a page of too many runs.
+
+    Raises:
+        UsageError: it was requested.
+    """
+    if requested:
+        raise click.UsageError(f"--out and --pdf: got {count} runs, expected at most {most}. Fix: omit these options")
 
 
 def _page_of(out: Path | None, first: Path) -> Path:

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 from rig.comparison.acceptance import PERCENT, AcceptanceResult, Result, State
 from rig.comparison.changes import Change
-from rig.comparison.differences import Comparison
+from rig.comparison.differences import MOST_RUNS, Comparison
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading, plain
 from rig.display import Display, Shown
-from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, table
+from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, Row, table
 from rig.document.numbers import MINUS, known_digits
 from rig.document.terminal import Line, lines
 from rig.document.words import FAIR, GOOD, POOR
@@ -30,12 +30,44 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
     if compared.judgement is not None:
         several = len(compared.runs) > 1
         blocks += _acceptance(compared.judgement, compared.display, several=several, everything=everything)
+    if len(compared.runs) > MOST_RUNS:
+        return [*blocks, *_checked_runs(compared), *_first_remarks(compared)]
     for index, run in enumerate(compared.runs):
         label = "first" if index == 0 and len(compared.runs) > 1 else f"run {index + 1}"
         blocks.append(Paragraph(f"{label}: {run.name}, specimen {run.specimen or 'unknown'}"))
     for index in range(1, len(compared.runs)):
         blocks += _changes(compared, index, everything=everything)
     return blocks + [Note(FAIR, f"remark: {remark}") for remark in compared.remarks]
+
+
+def _checked_runs(compared: Comparison) -> Blocks:
+    """A row for each run: its verdict, and the value with the smallest margin."""
+    if compared.judgement is None:
+        return []
+    by_run: dict[str, list[Result]] = {run.name: [] for run in compared.runs}
+    for result in compared.judgement.results:
+        by_run[result.run].append(result)
+    rows = []
+    for run in compared.runs:
+        results = by_run[run.name]
+        bad = [result for result in results if result.state != State.PASSED]
+        nearest = min(results, key=lambda result: _or_infinite(result.margin_percent), default=None)
+        margin = NOTHING if nearest is None or math.isnan(nearest.value) else _margin(nearest, compared.display)
+        title = NOTHING if nearest is None else nearest.title
+        verdict, level = ("PASS", GOOD) if results and not bad else ("FAIL", POOR)
+        rows.append(Row((run.name, run.specimen or "-", verdict, f"{len(bad)}/{len(results)}", title, margin), level))
+    passed = sum(row.severity == GOOD for row in rows)
+    note = Note(GOOD if passed == len(rows) else POOR, f"{passed} of {len(rows)} runs passed")
+    return [table(CHECKED, rows), note]
+
+
+def _first_remarks(compared: Comparison) -> Blocks:
+    """Some of the remarks on many runs."""
+    remarks = compared.remarks
+    blocks: Blocks = [Note(FAIR, f"remark: {remark}") for remark in remarks[:MOST_RUNS]]
+    if len(remarks) > MOST_RUNS:
+        blocks.append(Paragraph(f"{len(remarks) - MOST_RUNS} more remarks; use --json to list them"))
+    return blocks
 
 
 def _acceptance(acceptance: AcceptanceResult, display: Display, *, several: bool, everything: bool) -> Blocks:
@@ -95,6 +127,10 @@ def _margin(result: Result, display: Display) -> str:
     return text if math.isnan(share) or result.unit == "%" else f"{text} ({_number(share, 3)} %)"
 
 
+CHECKED = (
+    Column("run"), Column("specimen"), Column("verdict"), Column("not passed", "", True), Column("smallest margin"),
+    Column("", "", True),
+)  # fmt: skip
 SUMMARY = (
     Column("quantity"), Column("tests", "", True), Column("differ", "", True), Column("median", "", True),
     Column("largest", "", True), Column("at"),

@@ -32,6 +32,8 @@ from rig.signals.test_set import MOTION_SHARE
 from rig.test_point import SIGNAL
 
 MOST_RUNS = 12
+"""Runs that are shown next to each other; more are only checked against acceptance bands."""
+MOST_CHECKED = 1000
 NEARBY = 0.2
 """Relative difference of two motions, up to which it is worth reporting that they are not compared."""
 MOST_LABELS = 4
@@ -268,14 +270,16 @@ def compare(
         workers: evaluate the runs that are given by their directories.
 
     Raises:
-        RigError: one run without bands, or more than 12.
+        RigError: one run without bands, or more than 12 (with bands more than 1,000).
         FileProblem: a run or the bands file cannot be used.
     """
     limits = None if bands is None else load_bands(bands)
     if not runs or (len(runs) == 1 and limits is None):
         raise RigError("nothing to compare. Fix: specify two runs, or one run and acceptance bands (--bands FILE)")
-    if len(runs) > MOST_RUNS:
-        raise RigError(f"got {len(runs)} runs, expected at most {MOST_RUNS}")
+    most = MOST_RUNS if limits is None else MOST_CHECKED
+    if len(runs) > most:
+        more = f"; with acceptance bands (--bands FILE) at most {MOST_CHECKED}" if limits is None else ""
+        raise RigError(f"got {len(runs)} runs, expected at most {most}{more}")
     read = _read(runs, workers)
     acceptance = None if limits is None else evaluate(limits, read, str(bands))
     return Comparison(read, _rows(read), acceptance)

@@ -12,6 +12,7 @@ import logging
 import os
 import pickle
 import platform
+import re
 import threading
 import time
 import uuid
@@ -37,12 +38,14 @@ from rig.jobs.workers import (
     given_up,
     keep,
 )
+from rig.text_file import read_json
 from rig.version import described
 
 if TYPE_CHECKING:
     from distributed import Client
 
 T = TypeVar("T")
+ADDRESS = re.compile(r"(?:(?:tcp|tls|wss?|ucx)://)?[^\s/]+:\d{1,5}|inproc://\S+")
 ANSWER_WITHIN_S = 10.0
 NO_WORKERS_S = 60.0
 """Without any worker for so long, the work ends."""
@@ -78,15 +81,19 @@ def cluster(address: str) -> Iterator[Cluster]:
     for name in list(logging.root.manager.loggerDict):
         if name.partition(".")[0] in {"distributed", "tornado"}:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what they log is reported as an error below
-    file = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    where = _address_in(Path(address)) if Path(address).is_file() else address
+    if ADDRESS.fullmatch(where) is None:
+        raise RigError(
+            f"Dask scheduler: got {where!r}, expected tcp://HOST:PORT, tls://HOST:PORT or the path of a scheduler file"
+        )
+    _check_certificates(where)
     try:
-        client = Client(**file, timeout=ANSWER_WITHIN_S, set_as_default=False)
+        client = Client(where, timeout=ANSWER_WITHIN_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = str(error) or "no connection"
         raise RigError(
             f"Dask scheduler {address}: no answer within {ANSWER_WITHIN_S:g} s: {reason}. Fix: start it with "
-            "`dask scheduler`, and check the address, the firewall and (for tls://) the certificates in Dask's "
-            "settings distributed.comm.tls"
+            "`dask scheduler`, and check the address (tcp:// or tls://) and the firewall"
         ) from error
     try:
         workers = Cluster(client, address)
@@ -94,12 +101,50 @@ def cluster(address: str) -> Iterator[Cluster]:
         yield workers
         workers.forget()
     except KilledWorker as error:
-        raise WorkersFailed(given_up(str(error.task).partition(KEY)[0])) from error
+        name = str(error.task).partition(KEY)[0]
+        raise WorkersFailed(given_up(name, error.allowed_failures + 1)) from error
     except (CancelledError, CommClosedError) as error:
         raise WorkersFailed(f"Dask scheduler {address}: connection lost. Fix: check that it is running") from error
     finally:
         with suppress(Exception):  # a scheduler that is gone need not take leave
             client.close(timeout=2.0 if client.status == "running" else 0.1)
+
+
+def _address_in(file: Path) -> str:
+    """The address in a scheduler file.
+
+    Raises:
+        FileProblem: it is no scheduler file.
+    """
+    content = read_json(file)
+    address = content.get("address")
+    if not isinstance(address, str):
+        raise FileProblem(str(file), ["not a scheduler file: it has no text `address`. Fix: write it with `dask "
+                                      "scheduler --scheduler-file FILE`"])  # fmt: skip
+    return address
+
+
+def _check_certificates(address: str) -> None:
+    """Refuse an encrypted connection without certificates, which Dask tries for a long time.
+
+    Raises:
+        RigError: there is none, or it cannot be read.
+    """
+    if not address.startswith("tls://"):
+        return
+    from distributed import Security  # an extra, and slow to load
+
+    try:
+        usable = Security().get_connection_args("client").get("ssl_context") is not None
+        problem = "got no certificates"
+    except (OSError, ValueError) as error:
+        usable, problem = False, f"the certificates cannot be read ({error})"
+    if not usable:
+        raise RigError(
+            f"Dask scheduler {address}: {problem}, expected the files of this computer in Dask's settings. Fix: set "
+            "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and "
+            "DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY"
+        )
 
 
 KEY = "#"
@@ -141,6 +186,11 @@ class Cluster(RemoteWorkers):
         self._payloads[shared.token] = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
         self._send(shared.token)
         return cast("T", shared)  # what jobs are given in its place
+
+    def on_each(self, function: Callable[[], T]) -> dict[str, T]:
+        """What a function returns in each worker process, by the worker's address."""
+        values: dict[str, T] = self._client.run(function)
+        return values
 
     def forget(self) -> None:
         """Let the workers give up all shared values."""

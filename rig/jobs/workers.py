@@ -274,13 +274,13 @@ def _count_deaths(jobs: Sequence[Job[Any]], deaths: Counter[int], error: BaseExc
     for job in jobs:
         deaths[id(job)] += 1
         if deaths[id(job)] >= MOST_DEATHS:
-            raise WorkersFailed(given_up(job.name)) from error
+            raise WorkersFailed(given_up(job.name, MOST_DEATHS)) from error
 
 
-def given_up(name: str) -> str:
-    """The message on a job during which worker processes kept ending."""
+def given_up(name: str, deaths: int) -> str:
+    """The message on a job during which so many worker processes ended."""
     return (
-        f"{name}: {MOST_DEATHS} worker processes ended while they ran this job, expected a result (out of memory?). "
+        f"{name}: {deaths} worker processes ended while they ran this job, expected a result (out of memory?). "
         "Fix: check the memory of the worker, or use fewer worker processes"
     )
 

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from rig.cli.comparison_tables import comparison_lines
 from rig.cli.main import main
 from rig.comparison import Comparison, compare, load_bands
 from rig.comparison.acceptance import AcceptanceResult
@@ -225,3 +227,14 @@ def test_the_example_is_a_bands_file_and_its_keys_are_documented() -> None:
     assert {key for key, _ in known.all} >= {"rebound_force", "jounce_force", "energy", "dynamic_range", "parameter"}
     assert known.all[3][1].low is None
     assert known.energy[0].high == 75.0
+
+
+def test_more_than_twelve_runs_are_listed_with_their_verdicts(made_run: Make, bands: Make) -> None:
+    good, bad = made_run("good"), made_run("bad", 1200.0)
+    runs = [bad, *(shutil.copytree(good, good.with_name(f"good{number:02}")) for number in range(12))]
+    compared = compare(runs, bands(REBOUND.format(low=70, high=90)))
+    lines = [text for text, _ in comparison_lines(compared, 80, everything=False)]
+    verdicts = {line.split()[0]: line.split()[2] for line in lines if line.startswith(("good", "bad"))}
+    assert verdicts == {"bad": "FAIL", **{f"good{number:02}": "PASS" for number in range(12)}}
+    assert "12 of 13 runs passed" in lines
+    assert not any("relative to the first run" in line for line in lines)

@@ -84,6 +84,24 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
             pass
 
 
+def test_an_encrypted_connection_without_certificates_is_refused_at_once() -> None:
+    with pytest.raises(RigError, match=r"tls://127.0.0.1:1: got no certificates, expected"), cluster("tls://127.0.0.1:1"):
+        pass
+
+
+@pytest.mark.parametrize("address", ["node0", "http://node0:8786", "tcp://node0", "/no/such/scheduler.json"])
+def test_what_is_no_address_is_refused_at_once(address: str) -> None:
+    with pytest.raises(RigError, match=rf"got .{address}., expected tcp://HOST:PORT"), cluster(address):
+        pass
+
+
+def test_a_file_that_is_no_scheduler_file_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "scheduler.json"
+    file.write_text('{"type": "Worker"}')
+    with pytest.raises(FileProblem, match=r"scheduler.json: not a scheduler file"), cluster(str(file)):
+        pass
+
+
 def test_dask_that_is_not_installed_is_named_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(RigError, match=r"--scheduler needs Dask: pip install 'mr-damper-rig\[cluster\]'"), cluster("a"):
