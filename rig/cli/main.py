@@ -253,8 +253,17 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
         if not text:
             return _of_defect(error, arguments, as_json=as_json)
         return _ended(f"rig: {text}", {"error": text, "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
+    except MemoryError as error:
+        if _moves(arguments):
+            return _of_defect(error, arguments, as_json=as_json)
+        details = f" ({error})" if str(error) else ""
+        text = f"there is not enough memory for this command{details}. Fix: {MORE_MEMORY}"
+        return _ended(f"rig: {text}", {"error": text, "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
     except Exception as error:  # noqa: BLE001 - a traceback helps its reader only; it goes into a file for them
         return _of_defect(error, arguments, as_json=as_json)
+
+
+MORE_MEMORY = "use fewer or shorter tests at a time, close other programs, or use a computer with more memory"
 
 
 def _moves(arguments: Sequence[str]) -> bool:

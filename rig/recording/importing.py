@@ -197,8 +197,10 @@ def write_run(tests: Sequence[ImportedTest], out: Path, described: Described) ->
             inner_folder(folder, str(Path(name).parent))
             write_durably(folder / name, content)
         _write_run(folder, tests, described)
-    except OSError as error:
+    except BaseException as error:  # also if the memory is used up, or on Ctrl-C
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
+        if not isinstance(error, OSError):
+            raise
         raise FileProblem(str(folder), [f"could not be written: {error}; nothing was imported"]) from error
     return folder
 

@@ -15,11 +15,15 @@ from typing import Protocol
 
 from rig.errors import FileProblem
 from rig.extras import how_to_install
+from rig.recording.memory import check_memory
 from rig.signals.arrays import FloatArray
 
 LARGEST_BYTES = 512 * 1024 * 1024
 MOST_NUMBERS = 1 << 27
 """A file's numbers together may take so much memory: 1 GiB of float64."""
+MEMORY_OF_A_BYTE, MEMORY_OF_A_NUMBER = 4, 40
+"""Bytes of memory that importing takes: for a byte of text (measured: 4.6 with short numbers), for a number."""
+SPLIT = "split the file into shorter tests"
 FACTOR_NAME = re.compile(
     r"scale|scaling|factor|slope|gain|sensitivity|calibration|multiplier|conversion|(?P<offset>offset|intercept)",
     re.IGNORECASE,
@@ -165,14 +169,17 @@ def read_bytes(file: Path) -> bytes:
     """A file's content.
 
     Raises:
-        FileProblem: no such file, unreadable, empty, or larger than 512 MiB.
+        FileProblem: no such file, unreadable, empty, larger than 512 MiB, or too large for the available memory.
     """
     if not file.is_file():
         kind = "is a folder" if file.is_dir() else "is not a regular file" if file.exists() else "no such file"
         raise FileProblem(str(file), [kind])
     size = file.stat().st_size
     if size > LARGEST_BYTES:
-        raise FileProblem(str(file), [f"the file has {size} bytes; at most {LARGEST_BYTES} are allowed"])
+        raise FileProblem(str(file), [
+            f"the file has {size} bytes; at most {LARGEST_BYTES} are allowed. Fix: {SPLIT}"
+        ])  # fmt: skip
+    check_memory(file, MEMORY_OF_A_BYTE * size, SPLIT)
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -202,7 +209,10 @@ def check_size(file: Path, numbers: int) -> None:
         FileProblem: it does.
     """
     if numbers > MOST_NUMBERS:
-        raise FileProblem(str(file), [f"the file declares {numbers} numbers; at most {MOST_NUMBERS} are allowed"])
+        raise FileProblem(str(file), [
+            f"the file declares {numbers} numbers; at most {MOST_NUMBERS} are allowed. Fix: {SPLIT}"
+        ])  # fmt: skip
+    check_memory(file, MEMORY_OF_A_NUMBER * numbers, SPLIT)
 
 
 def check_equal_lengths(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:

@@ -15,6 +15,7 @@ from rig.errors import FileProblem
 from rig.recording.hdf5.hdf5_check import check_file
 from rig.recording.hdf5.hdf5_objects import attributes_of
 from rig.recording.layout import FORMAT_VERSION, check_of
+from rig.recording.memory import check_memory
 from rig.recording.point_attributes import MOTION, NAMES, STEPS, TEXTS, commanded_of, point_fields
 from rig.recording.point_files import name_problem
 from rig.recording.quality.point_quality import PointQuality
@@ -27,6 +28,8 @@ SENSOR_ATTRIBUTES = (
     "uncertainty_percent", "delay_s", "range_SI", "rate_Hz",
 )
 VERDICTS = ("valid", "suspect", "invalid")
+MEMORY_OF_A_SAMPLE = 200
+"""Bytes that evaluating a point takes for each sample."""
 
 
 DESCRIBED = tuple(f"entry/{name}" for name in ("test", "quality", "provenance", "data"))
@@ -123,12 +126,15 @@ def read_channel(path: Path, name: str) -> NDArray[Any] | None:
     """One aligned channel (n,), None when the file does not hold it.
 
     Raises:
-        FileProblem: the file cannot be trusted, or the channel is as long as no time.
+        FileProblem: the file cannot be trusted, the channel is as long as no time, or there is not enough memory to
+            evaluate so many samples.
     """
     with opened(path) as file:
         data = file["entry/data"]
         if name not in data:
             return None
+        if name == "time":
+            check_memory(path, MEMORY_OF_A_SAMPLE * data["time"].size, "record or import shorter tests")
         if data[name].shape != data["time"].shape:
             raise FileProblem(str(path), [
                 f"/entry/data/{name} has shape {data[name].shape}, but time has {data['time'].shape}",

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,14 @@ import pandas as pd
 import pytest
 
 from rig.errors import FileProblem
+from rig.recording import memory
+from rig.recording.file_formats.table_file import read_bytes
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+
+FIRST_VERSION = Path(__file__).with_name("first_version.h5")
 
 
 def write_point(folder: Path, name: str, waveform: str, current_A: float, verdict: str = "valid") -> None:
@@ -152,3 +157,18 @@ def test_a_table_that_is_no_test_says_why() -> None:
         RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
     with pytest.raises(FileProblem, match="must increase from row to row"):
         RecordedPoint.from_pandas(table.rename(columns={"F": "force"})[::-1], id="mine", current_A=0.5)
+
+
+def test_a_record_that_does_not_fit_into_memory_is_refused_before_it_is_read(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    info = tmp_path / "meminfo"
+    info.write_text("MemTotal: 9 kB\nMemAvailable: 1 kB\nSwapFree: 0 kB\n")
+    point = RecordedPoint.open(shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5"))
+    monkeypatch.setattr(memory, "MEMORY_INFO", info)
+    with pytest.raises(FileProblem, match=r"requires about \S+ GB of memory, but only \S+ GB are available. Fix: "):
+        _ = point.time_s
+    table = tmp_path / "test.csv"
+    table.write_text("time,x,F\n" + "0.1,2.5,3.5\n" * 100)
+    with pytest.raises(FileProblem, match="Fix: split the file into shorter tests, close other programs"):
+        read_bytes(table)
