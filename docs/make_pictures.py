@@ -93,6 +93,7 @@ def take_bench(browser: Browser, runs: Path, out: Path) -> None:
         page.wait_for_selector("#plan table", timeout=WAIT_MS)
         page.locator("#serial").fill("MR-002")
         page.mouse.move(0, 0)
+        page.evaluate("document.querySelector('footer').hidden = true")  # folders and address of this computer
         keep(page.screenshot(), out / "page-bench.png")
         page.close()
     finally:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from rig.units import UNITS
@@ -157,8 +157,8 @@ class Display:
 
     @property
     def usual(self) -> bool:
-        """Whether everything is shown as without `[display]`."""
-        return self == Display()
+        """Whether every number is shown as without `[display]`."""
+        return replace(self, paper=SI.paper) == SI
 
     def to_json(self) -> dict[str, str]:
         """Its entries as they are written in a file, every one of them."""

@@ -148,7 +148,7 @@ def report_of(of: Material) -> Document:
         *events(of.log), *installed_sections(run, fit), *provenance(run, fit, of.details),
     ]  # fmt: skip
     title = of.details.table.title or "Damper test report"
-    return Document(f"{title} {run.path.name}", with_contents(blocks), mark_of([run]), run.display.paper)
+    return Document(f"{title} {run.path.name}", with_contents(blocks), mark_of([run]), of.display.paper)
 
 
 def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
