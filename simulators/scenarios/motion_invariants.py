@@ -136,7 +136,7 @@ class Motion:
     @property
     def goes_on_s(self) -> float:
         """For how long a controller goes on after a set-point: with its speed, or to the position (simulated ones)."""
-        has_speed = controller(self.bench.actuator.register_map).setpoint_has_speed
+        has_speed = controller(self.bench.actuator.described).setpoint_has_speed
         return FOLLOW_S if has_speed else self.bench.actuator.setpoints_s or 0.0
 
     @property

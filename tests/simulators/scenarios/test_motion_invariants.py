@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -14,7 +14,8 @@ import pytest
 from matrices import matrix_text
 from numpy.typing import NDArray
 
-from simulators.scenarios.motion_invariants import MOTION_CHECKS
+from rig.bench.model import Bench
+from simulators.scenarios.motion_invariants import MOTION_CHECKS, Motion
 from simulators.scenarios.scenario import Noted
 from simulators.scenarios.stop_invariants import STOP_CHECKS
 from simulators.scenarios.view import View
@@ -223,3 +224,10 @@ def test_after_a_stop_by_another_master_set_points_only_fade_out_unless_it_left_
     """A fade of one cycle at 1.5 Hz is over after 0.67 s; a halt of less than two polls shows only if acknowledged."""
     history.setpoints = ((LATCHED_S + moving_s, 0.0, 0.03),)
     assert bool(list(STOP_CHECKS["foreign-stop"](history.view(tmp_path)))) is found
+
+
+def test_a_users_own_streamed_map_says_for_how_long_the_drive_goes_on() -> None:
+    bench = Bench.load(EXAMPLES / "streamed-bench.toml")
+    own = EXAMPLES.parent / "tests" / "simulators" / "maps" / "single-bits.toml"
+    bench = bench.model_copy(update={"actuator": replace(bench.actuator, register_map=str(own))})
+    assert Motion(bench, ()).goes_on_s == bench.actuator.poll_s
