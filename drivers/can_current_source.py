@@ -10,6 +10,7 @@ from collections import deque
 from itertools import repeat
 
 from drivers import clock
+from drivers.can_bus import BusHandle
 from drivers.can_port import CanPort
 from drivers.current_source import (
     UNKNOWN_STATE,
@@ -84,7 +85,7 @@ class CanCurrentSource:
         send_error: what ended the command thread, None while it runs.
     """
 
-    def __init__(self, port: CanPort, description: EcuDescription) -> None:
+    def __init__(self, port: CanPort | BusHandle, description: EcuDescription) -> None:
         self.counters = SourceCounters()
         self.status: SourceStatus | None = None
         self.temperature: SourceTemperature | None = None
@@ -95,6 +96,11 @@ class CanCurrentSource:
         self._groups = {parameter_group(key): key for key, message in description.heard.items() if message.by_group}
         self._address = description.source_address
         self._other_addresses: set[int] = set()
+        self._stated = {
+            parameter_group(key): source_address(key) for key, message in description.heard.items()
+            if key & EXTENDED and not message.by_group
+        }
+        self._elsewhere: dict[int, set[int]] = {}
         self._checks = FrameChecks(description, self.counters)
         self._port = port
         self._is_open = False
@@ -158,7 +164,26 @@ class CanCurrentSource:
                 "address in the roles file, such as source_address = "
                 f"0x{self._address:02X}"
             )
-        return self._checks.refusal()
+        elsewhere = self._heard_elsewhere()
+        return ("no-answer", elsewhere) if elsewhere and not self._current_heard else self._checks.refusal()
+
+    def _heard_elsewhere(self) -> str:
+        """Which of its messages another source address sends, in words; empty where none does."""
+        described, addresses = self._description, self._elsewhere
+        if described.source_address is not None and self._other_addresses:
+            stated, heard = described.source_address, sorted(self._other_addresses)
+            group = ""
+        elif addresses:
+            number, found = next(iter(addresses.items()))
+            stated, heard = self._stated[number], sorted(found)
+            group = f"J1939 parameter group 0x{number:05X} ({number})"
+        else:
+            return ""
+        shown = ", ".join(f"0x{one:02X}" for one in heard)
+        return (
+            f"{group or 'the messages of the ECU'} received from source address {shown}, but expected from "
+            f"0x{stated:02X}. Fix: write source_address = 0x{heard[0]:02X} in the roles file"
+        )
 
     @property
     def identity_problem(self) -> str:
@@ -376,6 +401,8 @@ class CanCurrentSource:
 
     def _take_other(self, key: int, *, length: int) -> None:
         """A frame that is none of the ECU's."""
+        if key & EXTENDED and parameter_group(key) in self._stated:
+            self._elsewhere.setdefault(parameter_group(key), set()).add(source_address(key))
         self.counters.other_bits += (_EXTENDED_BITS if key & EXTENDED else _STANDARD_BITS) + 8 * length
         if key ^ EXTENDED in self._heard:
             self._checks.malformed(key ^ EXTENDED == self._description.status)

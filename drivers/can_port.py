@@ -127,8 +127,10 @@ class CanPort:
             read_ns = clock.monotonic_ns()
         return frames, arrival_ns
 
-    def send(self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False) -> None:
-        """Hand one frame to the interface.
+    def send(
+        self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False, remote: bool = False
+    ) -> None:
+        """Hand one frame to the interface; of the data of a remote frame only the length counts.
 
         Raises:
             PortClosed: the bus is not open.
@@ -137,9 +139,10 @@ class CanPort:
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")
         try:
+            content = {"dlc": len(data)} if remote else {"data": data}
             message = self._can.Message(
-                arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd,
-                bitrate_switch=fd and self._switched,
+                arbitration_id=identifier, is_extended_id=extended, is_fd=fd, is_remote_frame=remote,
+                bitrate_switch=fd and self._switched, **content,
             )
             if self._interface in ECHOING:
                 self._echoes.append((identifier, bytes(data)))
@@ -158,7 +161,7 @@ class CanPort:
 
     @property
     def _name(self) -> str:
-        return self._channel if self._interface == SLCAN else f"{self._interface}:{self._channel}"
+        return self._address.text
 
     def _receive_block(self, timeout_s: float) -> tuple[list[Frame], int]:
         """What our own slcan reader has, without a message of python-can for each frame.

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers import plugins
+from drivers.can_bus import CanBus, CanSensorPort
 from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
 from drivers.connection import ActuatorConnection, CanAddress, LineSettings
@@ -34,6 +35,7 @@ from drivers.sensor_formats import described_format
 from drivers.sensor_formats import wire_text as sensor_wire_text
 from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
 from drivers.streamed_actuator import as_actuator
+from protocols.binary_format import BinaryFormat
 from protocols.sensor_presets import TABLES
 
 __all__ = [
@@ -234,13 +236,16 @@ def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuato
     return as_actuator(ModbusActuator(connection, controller(given)), connection.motion)
 
 
-def make_current_source(given: Given, roles: Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:
+def make_current_source(
+    given: Given, roles: Mapping[str, Any] | None, bus: CanAddress, shared: CanBus | None = None
+) -> CurrentSource:
     """The driver of a current source on CAN; nothing is opened.
 
     Args:
         given: the name of a kind of current source, or a user's DBC.
         roles: of a user's DBC.
         bus: where it is.
+        shared: that bus, where sensors are on it, too; a plug-in's driver opens a bus object of its own.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
@@ -257,7 +262,13 @@ def make_current_source(given: Given, roles: Mapping[str, Any] | None, bus: CanA
             "ecu", bus.channel, f"unknown dbc {name!r}; known: {', '.join(known_current_source_names())}"
         )
     described = current_source(given, roles)
-    return CanCurrentSource(CanPort(bus, fd=described.fd), described)
+    port = CanPort(bus, fd=described.fd) if shared is None else shared.join("ecu", described.hears, rest=True)
+    return CanCurrentSource(port, described)
+
+
+def current_source_needs_fd(given: Given, roles: Mapping[str, Any] | None) -> bool:
+    """Whether a current source sends or hears CAN FD frames; a plug-in's is not asked."""
+    return _is_described(given) and current_source(given, roles).fd
 
 
 def make_supply(connection: SupplyConnection) -> CurrentSource:
@@ -294,6 +305,7 @@ class SensorConnection:
         format: name of a format, or its table.
         scale: from the wire to SI, and its rate.
         framing: what else belongs to its serial line; the baud rate in it counts for nothing.
+        bus: of a sensor on CAN.
     """
 
     url: str
@@ -303,6 +315,7 @@ class SensorConnection:
     format: str | Mapping[str, Any]
     scale: SampleScale
     framing: LineSettings = USUAL
+    bus: CanBus | None = None
 
 
 SensorMaker = Callable[[SensorConnection], Sensor]
@@ -340,7 +353,10 @@ def make_sensor(connection: SensorConnection) -> Sensor:
         if brought is not None:
             return brought
     line_format = given if isinstance(given, str) else described_format(given)
+    port: CanSensorPort | None = None
+    if connection.bus is not None and isinstance(line_format, BinaryFormat) and line_format.can is not None:
+        port = CanSensorPort(connection.bus, connection.name, line_format.can)
     return SerialSensor(
         connection.url, replace(connection.framing, baudrate=connection.baudrate), name=connection.name,
-        channel=connection.channel, line_format=line_format, scale=connection.scale,
+        channel=connection.channel, line_format=line_format, scale=connection.scale, port=port,
     )

@@ -133,6 +133,21 @@ class CanAddress:
     bitrate: int = 500_000
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def text(self) -> str:
+        """The bus in one word: a serial CAN adapter's port, else interface and channel."""
+        return self.channel if self.interface == "slcan" else f"{self.interface}:{self.channel}"
+
+
+def modbus_line(url: str) -> str:
+    """What the addresses of devices on one Modbus connection have in common: host and port, or the serial port.
+
+    A sensor's `/dev/ttyUSB0` and an output's `modbus-rtu:/dev/ttyUSB0` are the same line.
+    """
+    for prefix in (f"{LinkKind.MODBUS_RTU}:", f"{LinkKind.MODBUS_TCP}://", "socket://"):
+        url = url.removeprefix(prefix)
+    return url.casefold() if not url.startswith("/") else url
+
 
 def draw_owner_id() -> int:
     """A number 1..65535 at random, to tell this host from others: containers repeat process ids."""

@@ -2,6 +2,7 @@
 
     DriverError
      +-- PortClosed           the port is missing, refused or unplugged
+     |    +-- SharedConnectionClosed   another device that shares it reports why
      +-- NoAnswer             no answer within the time-out
      +-- LinkLost             the connection broke during a request
      +-- WrongIdentity        another device answered
@@ -51,6 +52,13 @@ class PortClosed(DriverError):
     """
 
     code = "port-closed"
+
+
+class SharedConnectionClosed(PortClosed):
+    """The connection that a device shares with others is closed, which another of them reports.
+
+    Situations: two devices behind one host and port, on one serial line or CAN bus; the first one could not open it.
+    """
 
 
 class NoAnswer(DriverError):

@@ -6,15 +6,19 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from drivers.devices.can_sensor import can_format
 from drivers.ring import Channel
 from protocols.binary_format import BinaryFormat
+from protocols.descriptions import DescriptionProblems, Problem
 from protocols.line_format import LineFormat
-from protocols.sensor_format import SensorFormat, from_description, preset
+from protocols.sensor_format import SensorFormat, from_description, kind_of, preset
 from protocols.sensor_presets import TABLES
 
 FRAME16 = "frame16"
 """The project's own frame, which has a decoder of its own."""
 WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}
+CAN = "can"
+"""Kind of a format that is a CAN message."""
 NUMBER = "number"
 OWN_UNIT = "signed-decimal"
 """The preset that writes the unit of its channel behind the number."""
@@ -35,11 +39,25 @@ def described_format(given: Given, channel: Channel | None = None) -> SensorForm
         LocalProtocolError: no preset of that name.
     """
     if not isinstance(given, str):
-        return from_description(given)
+        return can_format(given) if kind_of(given) == CAN else from_description(given)
     shipped = preset(given)
     if given == OWN_UNIT and channel is not None and isinstance(shipped, LineFormat):
         return replace(shipped, unit=WIRE_UNITS.get(channel, shipped.unit))
     return shipped
+
+
+def is_can(given: Given) -> bool:
+    """Whether a format is a CAN message, which is read on a bus and not at a serial port."""
+    return not isinstance(given, str) and kind_of(given) == CAN
+
+
+def format_problems(table: Mapping[str, Any]) -> list[Problem]:
+    """What valid entries of a description contradict in each other."""
+    try:
+        described_format(table)
+    except DescriptionProblems as error:
+        return error.problems
+    return []
 
 
 def wire_text(given: Given, written: Given) -> str:
@@ -54,6 +72,8 @@ def wire_text(given: Given, written: Given) -> str:
     name = written if isinstance(written, str) else "described in the bench file"
     made = described_format(given)
     reading = _line_reading(made) if isinstance(made, LineFormat) else _frame_reading(made)
+    if isinstance(made, BinaryFormat) and made.can is not None:
+        return f"{name}, CAN message {made.can.shown}, read as {reading}"
     return name if reading == NUMBER else f"{name}, read as {reading}"
 
 

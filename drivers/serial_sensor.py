@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import cast
 
 from drivers import clock
+from drivers.can_bus import CanSensorPort
 from drivers.connection import LineSettings
 from drivers.errors import DriverError
 from drivers.ring import Channel
@@ -52,6 +53,7 @@ class SerialSensor:
         channel: ring channel 1..9.
         line_format: name of a format, path of a format's file, or a format.
         scale: from the wire to SI, and the sensor's rate; without a rate the format's own.
+        port: where its bytes come from in place of a port at `url`, such as a CAN bus.
 
     Raises:
         LocalProtocolError: no format of that name, or one that cannot be used.
@@ -66,11 +68,12 @@ class SerialSensor:
         channel: Channel,
         line_format: str | LineFormat | BinaryFormat = DEFAULT_FORMAT,
         scale: SampleScale = UNSCALED,
+        port: SerialPort | CanSensorPort | None = None,
     ) -> None:
         self.name = name
         self.channel = channel
         line = LineSettings(line) if isinstance(line, int) else line
-        self._port = SerialPort(
+        self._port = port or SerialPort(
             url, line.baudrate, device=name, bytesize=line.data_bits, parity=line.parity, stopbits=line.stop_bits
         )
         self._exchange, self._poll = NO_EXCHANGE, cast("Poll | None", None)
@@ -102,6 +105,11 @@ class SerialSensor:
     def is_open(self) -> bool:
         """Whether the port is open."""
         return self._port.is_open
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why what is received cannot be this sensor's; two empty texts while nothing shows it."""
+        return self._port.refusal if isinstance(self._port, CanSensorPort) else ("", "")
 
     @property
     def counters(self) -> SampleCounters:

@@ -11,6 +11,8 @@ from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, STATUS_S
 _NO_CLOCK = -1
 _SLIP = {0xDC: 0xC0, 0xDD: 0xDB}
 _DLE = 0x10
+BEYOND = -2
+"""Of a protection's counter: outside its range."""
 
 
 class BinaryDecoder:
@@ -40,6 +42,8 @@ class BinaryDecoder:
         self._locked = False
         self._meaning = _Meaning(binary_format)
         self._frames = self._by_length if binary_format.stuffing == "none" else self._by_stuffing
+        if binary_format.can is not None:
+            self._frames = self._by_message
 
     def feed(self, chunk: bytes) -> list[Reading]:
         """Take bytes as they arrived; return every frame they complete, in order.
@@ -84,6 +88,23 @@ class BinaryDecoder:
             self._locked = False
             at = self._skip(data, at)
         self._rest = data[at:]
+
+    def _by_message(self, chunk: bytes) -> Iterator[bytes]:
+        """Frames of a CAN message, each as a row of `protocols.can_frame`: the bus has cut them already."""
+        layout, message = self.binary_format, self.binary_format.can
+        if message is None:
+            return
+        data, size = self._rest + chunk, 1 + message.size
+        whole = len(data) - len(data) % size
+        self._rest = data[whole:]
+        for at in range(0, whole, size):
+            frame, protection = data[at + 1 : at + size], message.protection
+            intact = data[at] == message.size and layout.intact(frame)
+            if intact and protection.fits(frame) and protection.count(frame) != BEYOND:
+                if message.is_on_page(frame):
+                    yield frame
+            else:
+                self.bad_frames += 1
 
     def _skip(self, data: bytes, at: int) -> int:
         """Place of the next possible frame start after `at`; counts what is skipped."""

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from protocols.can_frame import CanFrame
 from protocols.checksums import CHECKSUMS
 from protocols.exchange import Exchange
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
@@ -21,8 +22,8 @@ from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 LONGEST_FRAME = 256
 MOST_DECIMALS = 9
 _WORD = 2
-SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8, "i64": 8,
-         "f32": 4, "f64": 8}  # fmt: skip
+SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u40": 5, "i40": 5,
+         "u48": 6, "i48": 6, "u56": 7, "i56": 7, "u64": 8, "i64": 8, "f32": 4, "f64": 8}  # fmt: skip
 """Bytes of each type: u unsigned, i signed (two's complement), f IEEE float."""
 ORDERS = ("little", "big")
 STUFFINGS = ("none", "escape", "dle", "slip")
@@ -140,6 +141,7 @@ class BinaryFormat:
         unit: unit of the value.
         nominal_rate_Hz: frames a second, or None.
         exchange: what is sent to the device.
+        can: the CAN message that is the frame; None for a stream of bytes.
     """
 
     name: str
@@ -159,6 +161,7 @@ class BinaryFormat:
     unit: str = "N"
     nominal_rate_Hz: float | None = None
     exchange: Exchange = field(default_factory=Exchange)
+    can: CanFrame | None = None
 
     @property
     def has_sequence(self) -> bool:
@@ -214,6 +217,8 @@ class BinaryFormat:
 
     def modulus(self, name: str) -> int:
         """How far a counting field counts before it begins anew."""
+        if self.can is not None and name == "sequence" and self.can.protection.modulus:
+            return self.can.protection.modulus
         return self.fields[name].modulus(len(self.packed_bits(name)) if self.packed else 0)
 
 

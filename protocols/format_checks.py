@@ -266,11 +266,26 @@ def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Proble
     return problems
 
 
+def message_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Problem]:
+    """Everything about the layout of a CAN message that contradicts itself.
+
+    Args:
+        made: the format.
+        values: its entries as they were given, every field among them.
+    """
+    if "value" not in made.fields:
+        return [(("fields",), "the field for the value is missing: write a table [fields.value] with at and type")]
+    problems = list(_framing_problems(made, values))
+    for name, item in made.fields.items():
+        problems += ((("fields", name, *place), text) for place, text in field_problems(name, item, made))
+    return problems
+
+
 def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     if "length" not in values:
         yield (), "key 'length' is missing; it states the total number of bytes in a frame"
         return
-    if not made.sync and made.checksum == "none" and made.stuffing != "slip":
+    if made.can is None and not made.sync and made.checksum == "none" and made.stuffing != "slip":
         yield (), "the start of a frame cannot be detected: sync bytes or a checksum are required"
     yield from _stuffing_problems(made, values)
     taken = [-1] * made.length

@@ -21,7 +21,7 @@ from protocols.modbus_format import FRAMINGS, modbus_format
 from protocols.sensor_presets import TABLES
 
 SensorFormat = LineFormat | BinaryFormat
-KINDS = ("lines", "frames", "modbus")
+KINDS = ("lines", "frames", "modbus", "can")
 
 _BYTES = frozenset({"start", "terminator", "start_command", "stop_command", "request", "sync", "end"})
 """Keys of byte strings, which are written as ASCII text or as a list of numbers."""
@@ -42,7 +42,7 @@ def from_description(table: Table) -> SensorFormat:
     name = table.get("name", "custom")
     whole = _with_base(table, problems)
     kind, of_base = kind_of(whole), kind_of(TABLES.get(str(table.get("base")), whole))
-    if kind != of_base and "modbus" in {kind, of_base}:
+    if kind != of_base and {kind, of_base} & {"modbus", "can"}:
         problems.append((("base",), f"{table['base']!r} describes {of_base}, but this table describes {kind}"))
     values = {key: _plain(key, value) for key, value in whole.items()}
     made: SensorFormat | None = None
@@ -51,15 +51,6 @@ def from_description(table: Table) -> SensorFormat:
     if problems or made is None:
         raise DescriptionProblems(f"sensor format {str(name)!r}", problems)
     return made
-
-
-def format_problems(table: Table) -> list[Problem]:
-    """What valid entries of a description contradict in each other."""
-    try:
-        from_description(table)
-    except DescriptionProblems as error:
-        return error.problems
-    return []
 
 
 def _with_base(table: Table, problems: list[Problem]) -> Table:
@@ -74,13 +65,15 @@ def _with_base(table: Table, problems: list[Problem]) -> Table:
 
 
 def kind_of(table: Table) -> str:
-    """What a table describes, "frames", "lines" or "modbus": as stated, or by keys that only one of them has."""
+    """What a table describes, "frames", "lines", "modbus" or "can": as stated, or by keys that only one of them has."""
     table = _with_base(table, [])
     stated = table.get("kind")
     if isinstance(stated, str) and stated in KINDS:
         return stated
     if isinstance(table.get("address"), int):
         return "modbus"
+    if table.keys() & {"dbc", "id"}:
+        return "can"
     return "frames" if table.keys() & {"fields", "packed", "sync"} and "pattern" not in table else "lines"
 
 

@@ -85,9 +85,11 @@ def hints(bench: Path, text: str) -> str:
     sensors = [(name, values[name]) for name in ("load_cell", "lvdt")]
     sensors += [(sensor["name"], sensor) for sensor in values.get("auxiliary", [])]
     for name, sensor in sensors:
-        url = sensor["url"]
         shown = sensor["format"] if isinstance(sensor["format"], str) else "described format"
-        lines.append(f"{name:12} {shown} {sensor['rate']} {url}      python -m serial {url} 921600")
+        where = f"slcan {sensor['channel']}" if "channel" in sensor else (
+            f"{sensor['url']}      python -m serial {sensor['url']} 921600"
+        )
+        lines.append(f"{name:12} {shown} {sensor['rate']} {where}")
     return "\n".join(lines)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.supply_file import supply
+from protocols.binary_format import BinaryFormat
 from rig.files.described import described as read_description
 from rig.files.names import is_file
 from simulators.conditioner import group_delay_s
@@ -20,6 +21,8 @@ from simulators.toml_text import toml_text
 BY_HAND = "generic-scpi"
 """The supply that is adjusted in place of the operator who sets the current."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
+BITRATE = 500_000
+"""Of the CAN bus (bit/s)."""
 STATUS_S = 0.010
 """Usual period of an ECU's status, and of the commands to it."""
 STALE_STATUSES = 3
@@ -131,7 +134,7 @@ def ecu_lines(
         "[ecu]",
         'interface = "slcan"',
         f'channel = "{addresses.slcan_url}"',
-        "bitrate = 500000",
+        f"bitrate = {BITRATE}",
         *entries,
         f'command_period = "{1e3 * command_s:g} ms"',
         f'stale_after = "{1e3 * stale_s:g} ms"',
@@ -187,6 +190,12 @@ def _range(options: SensorOptions) -> str:
     return f"{options.range:g} {options.unit}"
 
 
+def _link_lines(options: SensorOptions, url: str) -> list[str]:
+    if isinstance(options.format, BinaryFormat) and options.format.can is not None:
+        return ['interface = "slcan"', f'channel = "{url}"', f"bitrate = {BITRATE}"]
+    return [f'url = "{url}"', f"baudrate = {options.baudrate}"]
+
+
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
     stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
@@ -194,8 +203,7 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         stale_s = max(stale_s, RELAXED_STALE_S)
     return [
         f"[{table}]",
-        f'url = "{url}"',
-        f"baudrate = {options.baudrate}",
+        *_link_lines(options, url),
         f"format = {toml_text(options.described or options.format)}",
         f'rate = "{options.rate_Hz:g} Hz"',
         f'range = "{_range(options)}"',

@@ -14,6 +14,7 @@ from protocols.sensor_format import SensorFormat
 from protocols.sensor_presets import TABLES
 from rig import units
 from rig.errors import FileProblem
+from rig.files.described import NETWORK
 from rig.files.described import described as read_description
 from rig.files.names import is_file
 from simulators import frame_writer, line_writer
@@ -79,7 +80,7 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     low, high = span_of(described)
     zero = 0.0 if low < 0.0 else 0.5 * (low + high)
     half = min(high - zero, zero - low)
-    stated = "unit" in table or "unit" in TABLES.get(str(table.get("base")), {})
+    stated = "unit" in table or "unit" in TABLES.get(str(table.get("base")), {}) or NETWORK in table
     per_si = _per_si(described, stated=stated, half=half, options=options)
     range_si = min(options.range / options.wire_per_si, half / per_si) if per_si else 0.0
     if range_si < least_si:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.binary_format import BinaryFormat, Field
+from protocols.can_signals import put
 from protocols.errors import LocalProtocolError
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from simulators.bit_sums import size_of, total_of
@@ -27,7 +28,8 @@ class FrameWriter:
         low, high: the smallest and the largest reading that is still one (in the format's unit).
 
     Attributes:
-        size: bytes of the longest frame; where stuffing makes them differ, and of the length behind it.
+        size: bytes of the longest frame; where stuffing makes them differ, and of the length behind it; of a CAN
+            message with the length before it (`protocols.can_frame`).
 
     Raises:
         LocalProtocolError: the format cannot hold these.
@@ -44,7 +46,12 @@ class FrameWriter:
             )
         self.differ = binary_format.stuffing != "none"
         self._longest = 2 * binary_format.length if self.differ else binary_format.length
-        self.size = self._longest + self.differ
+        self.size = self._longest + self.differ + (binary_format.can is not None)
+
+    @property
+    def is_on_CAN(self) -> bool:
+        """Whether the frames are messages on a CAN bus."""
+        return self._format.can is not None
 
     def __call__(
         self, value: NDArray[np.float64], status: NDArray[np.uint8], sequence: Whole, stamp_us: Whole
@@ -92,7 +99,12 @@ class FrameWriter:
             frame[layout.checksum_at : layout.checksum_at + size] = bytes(
                 digits if layout.checksum_order == "little" else digits[::-1]
             )
-        return bytes(frame)
+        if layout.can is None:
+            return bytes(frame)
+        for signal, numbers in layout.can.pages:
+            put(frame, signal, min(numbers))
+        layout.can.protection.seal(frame, sequence)
+        return layout.can.row(bytes(frame))
 
     def _raw(self, value: float, status: int) -> float:
         """The number that stands for a value, or for what is wrong with it."""

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from drivers.roles import State
+from protocols.binary_format import BinaryFormat
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators import bench
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
+from simulators.can_sensor_port import CanSensorPort
 from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
 from simulators.ecu import Ecu
@@ -39,7 +41,7 @@ from simulators.plant.transfer import plant_of
 from simulators.registers import registers_of
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
-from simulators.serial_port import CAPACITY, open_port
+from simulators.serial_port import CAPACITY, SensorPort, open_port
 from simulators.shared_clock import SharedClock
 from simulators.slcan_bus import SlcanBus
 from simulators.supply import simulated_supply
@@ -55,6 +57,8 @@ BEHIND_S = 0.003
 FEWEST_FRAMES = 4
 CAN_LINES_BYTES_S = 2700.0
 """Bytes of the ECU's lines in one second of its clock."""
+SENSOR_LINE_BYTES = 27
+"""Of one frame of a sensor on the bus."""
 BUS_BYTES = 512
 POLLS_LATE = 2.5
 IDLE_S = 0.5
@@ -321,8 +325,12 @@ class SimulatedRig:
                 channel.hear(now_ns, 0.0, 0.0, speed)
                 behind |= pressure.waits_for(channel, 0, patience_s)
             port.waits = port.read_once and not pressure.given_up(port)
+        on_CAN = sum(
+            channel.sensor.options.rate_Hz * SENSOR_LINE_BYTES for channel in self.channels
+            if isinstance(channel.port, CanSensorPort)
+        )
         for client in self.bus.clients:
-            due = max(BUS_BYTES, BEHIND_S * speed * CAN_LINES_BYTES_S)
+            due = max(BUS_BYTES, BEHIND_S * speed * (CAN_LINES_BYTES_S + on_CAN))
             behind |= pressure.waits_for(client, due if fast else CAPACITY, patience_s)
         polled = fast and not self._faulty if shared is None else shared.watched
         if polled and self.actuator.owner:
@@ -384,8 +392,12 @@ class SimulatedRig:
     def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
         clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
         sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
-        by_id, speed = f"{options.serial_number}-{name}", options.baudrate
-        port = NamedPort(self._ports_folder(), by_id, speed) if kind == BY_ID else open_port(kind, speed)
+        by_id, speed, layout = f"{options.serial_number}-{name}", options.baudrate, options.format
+        port: SensorPort
+        if isinstance(layout, BinaryFormat) and layout.can is not None:
+            port = CanSensorPort(self.bus, layout, layout.can)
+        else:
+            port = NamedPort(self._ports_folder(), by_id, speed) if kind == BY_ID else open_port(kind, speed)
         self.channels.append(Channel(name, sensor, port, column))
 
     def _ports_folder(self) -> Path:

@@ -308,9 +308,19 @@ class Sensor:
         if not data or not (self.faults.garbage or self.faults.wrong_baud):
             return data
         raw = np.frombuffer(data, np.uint8).copy()
+        if isinstance(self._writer, FrameWriter) and self._writer.is_on_CAN:
+            return self._damaged_messages(raw.reshape(-1, self.frame_size))
         if self.faults.wrong_baud:
             return self._line_random.integers(0, 256, len(raw), dtype=np.uint8).tobytes()
         hit = self._line_random.random(len(raw)) < GARBLED_SHARE
         raw[hit] ^= self._line_random.integers(1, 256, int(hit.sum()), dtype=np.uint8)
         lost = self._line_random.random(len(raw)) < GARBLED_SHARE / 4.0
         return raw[~lost].tobytes()
+
+    def _damaged_messages(self, rows: Bytes) -> bytes:
+        """The same on CAN, whose controllers pass no damaged frame: wrong lengths, or nothing at all."""
+        if self.faults.wrong_baud:
+            return b""
+        hit = self._line_random.random(len(rows)) < GARBLED_SHARE * rows.shape[1]
+        rows[hit, 0] //= 2
+        return rows.tobytes()

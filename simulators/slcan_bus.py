@@ -32,6 +32,7 @@ class SlcanBus:
         dropped_frames: frames not delivered because a client's socket was full.
         silent: a fault: nothing passes in either direction.
         queue: asks what clients have not read.
+        listeners: called with number, data and whether it is a remote frame for each frame of a client.
         encode: turns a frame of the ECU into its line; a fault may put another one here.
 
     A frame's number has `EXTENDED` set where its identifier is an extended one.
@@ -42,6 +43,7 @@ class SlcanBus:
         self.dropped_frames = 0
         self.silent = False
         self.encode: Callable[[int, bytes], bytes] = frame_line
+        self.listeners: list[Callable[[int, bytes, bool], None]] = []
         self._on_frame = on_frame
         self._clients: list[SlcanClient] = []
         self._server: asyncio.Server | None = None
@@ -85,10 +87,13 @@ class SlcanBus:
         if self.silent:
             return
         self.send_lines([line + OK], sender)
-        if line[:1] in b"tdb":
-            self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii")))
-        elif line[:1] in b"TDB":
-            self._on_frame(int(line[1:9], 16) | EXTENDED, bytes.fromhex(line[10:].decode("ascii")))
+        kind, digits = line[:1], 3 if line[:1] in STANDARD else 8
+        number = int(line[1 : 1 + digits], 16) | (0 if digits == 3 else EXTENDED)
+        data, remote = bytes.fromhex(line[2 + digits :].decode("ascii")), kind in b"rR"
+        if not remote:
+            self._on_frame(number, data)
+        for listener in self.listeners:
+            listener(number, data, remote)
 
     def joined(self, client: SlcanClient) -> None:
         """A client connected."""

@@ -10,6 +10,7 @@ from drivers.current_source import SourceFault, SourceState, SourceTiming
 from drivers.roles import UNNAMED
 from protocols.can_signals import FrameReader, FrameWriter, Signal
 from protocols.e2e import Protection
+from protocols.j1939 import parameter_group
 
 EXTENDED = 1 << 31
 """Set in the key of a message with an extended identifier, as in a DBC file."""
@@ -134,6 +135,17 @@ class EcuDescription:
         for fault in (*self.fault_bits.values(), *(signal.fault for signal in self.fault_signals)):
             bits |= fault
         return bits
+
+    @cached_property
+    def heard_groups(self) -> frozenset[int]:
+        """J1939 parameter groups that are read from any address."""
+        return frozenset(parameter_group(key) for key, message in self.heard.items() if message.by_group)
+
+    def hears(self, identifier: int, extended: bool) -> bool:
+        """Whether a frame is of a message that is read."""
+        if extended and parameter_group(identifier) in self.heard_groups:
+            return True
+        return (identifier | EXTENDED if extended else identifier) in self.heard
 
     @property
     def fd(self) -> bool:

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
 from protocols.descriptions import Problem
-from protocols.sensor_format import modbus_request
+from drivers.connection import modbus_line
 from rig import units
 from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
@@ -163,16 +163,28 @@ class Bench(Section):
 
     def _shared_ports(self) -> list[Problem]:
         problems: list[Problem] = []
-        owners: dict[tuple[str, bytes], str] = {}
+        owners: dict[tuple[str, object], str] = {}
+        lines: dict[str, tuple[str, object]] = {}
+        if self.ecu.url is None and not self.ecu.by_hand and self.ecu.interface is not None:
+            lines[self.ecu.port] = "ecu", (self.ecu.bitrate, self.ecu.interface_options)
         for place, sensor in self._sensors().items():
-            # A Modbus TCP server has several registers and takes several connections.
-            register = modbus_request(sensor.described) if sensor.url.startswith("modbus-tcp://") else b""
-            if (owner := owners.get((sensor.url, register))) is not None:
+            name, key = str(place[0]), "interface" if sensor.bus is not None else "url"
+            # A CAN bus, a Modbus server and a serial line with Modbus RTU have several sensors, each with its own reading.
+            reading, same = sensor.reading, modbus_line(sensor.port)
+            if (owner := owners.get((same, reading))) is not None:
                 text = f"is already used by {owner}; every sensor requires its own port"
-                if register:
-                    text = f"and format read the same register as {owner}; every sensor requires its own register"
-                problems.append(((*place, "url"), text))
-            owners.setdefault((sensor.url, register), str(place[0]))
+                if reading is not None:
+                    text = f"and format describe the same reading as {owner}; every sensor requires its own reading"
+                problems.append(((*place, key), text))
+            elif reading is not None and None in (reads for port, reads in owners if port == same):
+                problems.append(((*place, key), f"is already used by {owners[same, None]}; every sensor requires its "
+                    "own port"))
+            owners.setdefault((same, reading), name)
+            settings = (sensor.bitrate, sensor.interface_options) if sensor.bus is not None else sensor.line
+            owner, owners_settings = lines.setdefault(same, (name, settings))
+            if reading is not None and owners_settings != settings:
+                what = "bitrate and interface_options" if sensor.bus is not None else "baudrate, parity and stop bits"
+                problems.append(((*place, key), f"is shared with [{owner}], but {what} differ"))
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
             text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
             problems.append((("ecu", "url"), text))

@@ -11,10 +11,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
-from rig.files.names import NETWORK_ENDINGS
+from rig.files.described import NETWORK, with_network_path
+from rig.files.names import NETWORK_ENDINGS, is_dbc
+from rig.files.toml_source import read_toml
+from rig.errors import FileProblem
 from rig.text_file import read_bytes
 
 LARGEST_BYTES = 4 << 20
+FORMAT = "format"
+"""Key of a sensor's format."""
 ENTRIES: Mapping[tuple[str, str], str | tuple[str, ...]] = {
     ("actuator", "register_map"): ".toml", ("ecu", "dbc"): NETWORK_ENDINGS, ("ecu", "roles"): ".toml",
     ("ecu", "supply"): ".toml",
@@ -39,17 +44,46 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     for entry in ENTRIES:
         table, key = entry
         tables = _tables(result, table)
-        whole = [{**one, key: str(folder / one[key])} if is_file(entry, one.get(key)) else one for one in tables]
+        whole = [{**one, key: _with_path(entry, one[key], folder)} if key in one else one for one in tables]
         if whole:
             result[table] = whole[0] if isinstance(data[table], Mapping) else tuple(whole)
     return result
 
 
-def named(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
-    """Each entry that names a file, and the name as it is written."""
+def _with_path(entry: tuple[str, str], value: Any, folder: Path) -> Any:  # noqa: ANN401 - whatever the file has
+    if is_file(entry, value):
+        return str(folder / value)
+    return with_network_path(value, folder) if entry[1] == FORMAT and isinstance(value, Mapping) else value
+
+
+def named(data: Mapping[str, Any], folder: Path = Path()) -> Iterator[tuple[tuple[str, str], str]]:
+    """Each entry that names a file, and the name as it is written; of a sensor's format also the file that it names.
+
+    Args:
+        data: a bench file's.
+        folder: from which the names in it lead.
+    """
     for entry in ENTRIES:
         table, key = entry
-        yield from ((entry, one[key]) for one in _tables(data, table) if is_file(entry, one.get(key)))
+        for one in _tables(data, table):
+            value = one.get(key)
+            if isinstance(value, str) and is_file(entry, value):
+                yield entry, value
+            if key == FORMAT and (network := _network(value, folder)):
+                yield entry, network
+
+
+def _network(given: object, folder: Path) -> str:
+    """The network description that a sensor's format names, as a name from the bench file's folder; empty for none."""
+    if isinstance(given, Mapping):
+        return str(given[NETWORK]) if is_dbc(given.get(NETWORK)) else ""
+    if not (isinstance(given, str) and given.casefold().endswith(".toml")):
+        return ""
+    try:
+        inner = read_toml(folder / given).data.get(NETWORK)
+    except FileProblem:
+        return ""  # whoever reads the format reports it
+    return str(PurePath(given).parent / str(inner)) if is_dbc(inner) else ""
 
 
 def _tables(data: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
@@ -70,8 +104,11 @@ def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
         FileProblem: a file cannot be read any more.
     """
     for _, path in named(data):
-        content = read_bytes(Path(path), LARGEST_BYTES)
-        dumped = dumped.replace(json.dumps(path), json.dumps(hashlib.sha256(content).hexdigest()))
+        digest = hashlib.sha256(read_bytes(Path(path), LARGEST_BYTES)).hexdigest()
+        if json.dumps(path) in dumped:
+            dumped = dumped.replace(json.dumps(path), json.dumps(digest))
+        else:
+            dumped += digest  # a file that another file names
     return dumped
 
 

@@ -10,14 +10,16 @@ from datetime import date
 from typing import Annotated, Any, Literal
 
 from drivers.catalogue import check_sensor_format, sensor_format_names
-from drivers.connection import LineSettings
+from drivers.connection import CanAddress, LineSettings
 from drivers.plugins import BrokenPlugIn
+from drivers.sensor_formats import described_format, is_can
+from protocols.binary_format import BinaryFormat
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
-from protocols.sensor_format import modbus_framing
+from protocols.sensor_format import modbus_framing, modbus_request
 from rig import units
 from rig.bench import address
-from rig.files.described import DescribedBy, described
+from rig.files.described import NETWORK, DescribedBy, described
 from rig.files.names import is_file
 from rig.files.quantity import Check, Quantity, Settings, Text, Wording, key
 
@@ -180,8 +182,23 @@ def _known_format(value: str) -> str:
 class SensorConfig(Settings):
     """What load cell, LVDT and auxiliary channels have in common: how to reach one, how to read it, its calibration."""
 
-    url: Annotated[str, Text(256), Check(address.serial_url)] = field(
-        metadata=key(examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"])
+    url: Annotated[str, Text(256), Check(address.serial_url)] | None = field(
+        default=None, metadata=key(
+            examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"], description="port of the sensor; of a sensor on "
+                "CAN: interface and channel instead"
+        )
+    )
+    interface: Annotated[str, Text(256), Check(address.can_interface)] | None = field(
+        default=None, metadata=key(examples=["socketcan"], description="sensor on CAN only; the same bus as in [ecu] "
+            "is shared")
+    )
+    channel: Name | None = field(default=None, metadata=key(examples=["can0"], description="sensor on CAN only"))
+    bitrate: int = field(
+        default=500_000, metadata=key(ge=10_000, le=1_000_000, description="sensor on CAN only")
+    )
+    interface_options: dict[str, str | int | float | bool] = field(
+        default_factory=dict, metadata=key(description="further arguments for the CAN interface, named as in "
+            "python-can")
     )
     baudrate: int = field(default=921_600, metadata=key(ge=300, le=12_000_000))
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="serial line only"))
@@ -220,6 +237,28 @@ class SensorConfig(Settings):
         return table
 
     @property
+    def bus(self) -> CanAddress | None:
+        """Where its CAN bus is; None for a sensor at a port."""
+        if self.url is not None or self.interface is None or self.channel is None:
+            return None
+        return CanAddress(self.interface, self.channel, self.bitrate, self.interface_options)
+
+    @property
+    def port(self) -> str:
+        """Where it is: its port, or its CAN bus as `EcuConfig.port` names one."""
+        bus = self.bus
+        return self.url or "" if bus is None else bus.text
+
+    @property
+    def reading(self) -> object | None:
+        """What it reads of a connection that sensors can share: its registers or signal; None: it needs its own port."""
+        table = self.described
+        if is_can(table):
+            made = described_format(table)
+            return (made.can.key, made.fields["value"]) if isinstance(made, BinaryFormat) and made.can else None
+        return modbus_request(table) or None
+
+    @property
     def line(self) -> LineSettings:
         """Settings of its serial line."""
         return LineSettings(self.baudrate, self.data_bits, self.parity, self.stop_bits)
@@ -252,7 +291,10 @@ class SensorConfig(Settings):
     @property
     def not_physics(self) -> dict[str, Any]:
         """What does not count for `Bench.digest`; a polarity that is as ever does not either."""
-        link = ("url", "baudrate", "parity", "data_bits", "stop_bits", "stale_after_s", "bandwidth_Hz")
+        link = (
+            "url", "baudrate", "parity", "data_bits", "stop_bits", "stale_after_s", "bandwidth_Hz", "interface",
+            "channel", "bitrate", "interface_options",
+        )
         given = self.calibration
         usual = {name for name in ("points", "rated_output", "capacity", "zero") if getattr(given, name) is None}
         usual |= {"polarity"} if given.polarity == "normal" else set()
@@ -262,16 +304,34 @@ class SensorConfig(Settings):
         """A calibration has the sensor's own dimension."""
         for place, text in (*self.calibration.problems_with(self.dimension), *self._unit_problems()):
             yield ("calibration", *place), text
-        if self.url.startswith("modbus-tcp://") and modbus_framing(self.described) != "tcp":
+        yield from self._link_problems()
+        if (self.url or "").startswith("modbus-tcp://") and modbus_framing(self.described) != "tcp":
             yield ("url",), (
                 'modbus-tcp:// requires a format of kind "modbus" with framing "tcp". Fix: specify such a format, or '
                 "write socket:// for another protocol"
             )
 
+    def _link_problems(self) -> Iterator[Problem]:
+        """A sensor on CAN has interface and channel, any other a port."""
+        if is_can(self.described):
+            if self.url is not None:
+                yield ("url",), "the format is a CAN message. Fix: specify interface and channel instead of url"
+            for name, example in (("interface", "socketcan"), ("channel", "can0")):
+                if getattr(self, name) is None:
+                    yield (name,), f'is missing; the format is a CAN message. Fix: write, for example, {name} = "{example}"'
+            return
+        if self.url is None:
+            yield ("url",), 'is missing; write the port of the sensor, such as url = "/dev/ttyUSB0"'
+        for name in ("interface", "channel"):
+            if getattr(self, name) is not None:
+                yield (name,), "applies only to a sensor whose format is a CAN message (kind \"can\")"
+
     def _unit_problems(self) -> Iterator[Problem]:
         """The format's unit, where it states one, is the calibration's."""
         given, table = self.calibration, self.described
         unit = "" if isinstance(table, str) else str(table.get("unit", ""))
+        if is_can(table):
+            unit = described_format(table).unit
         if not unit:
             return
         for name in ("points", "rated_output", "zero"):
@@ -284,7 +344,8 @@ class SensorConfig(Settings):
                     )
                     break
         # A table stands beside its calibration; the numbers of a file are not known here.
-        known = units.UNITS.get(units.ALIASES.get(unit, unit)) if is_file(self.format) else None
+        in_file = is_file(self.format) or (isinstance(table, dict) and NETWORK in table)
+        known = units.UNITS.get(units.ALIASES.get(unit, unit)) if in_file else None
         usual = given.sensitivity == 1.0 and given.points is None and given.rated_output is None
         if known is not None and usual and not (known.dimension == self.dimension and known.scale == 1.0):
             if known.dimension == self.dimension:

@@ -27,7 +27,7 @@ from drivers.catalogue import (
     supply,
     watchdog_time_s,
 )
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, CanAddress
 from protocols.descriptions import Problem
 from rig.bench import address
 from rig.bench.manual_settings import manual_problems_of
@@ -354,7 +354,12 @@ class EcuConfig(Settings):
             return self.rehearsal or ""
         if self.url is not None:
             return self.url
-        return f"{self.channel}" if self.interface == "slcan" else f"{self.interface}:{self.channel}"
+        return self.bus.text
+
+    @property
+    def bus(self) -> CanAddress:
+        """Where the CAN bus of a current controller is."""
+        return CanAddress(self.interface or "", self.channel or "", self.bitrate, self.interface_options)
 
     @property
     def measured(self) -> bool:
@@ -481,7 +486,7 @@ class StationConfig(Station, Clock):
     def addresses(self) -> tuple[str, ...]:
         """Where the devices are, as the bench file states it."""
         source = (self.ecu.port,) if self.ecu.port else ()
-        return (self.actuator.url, *source, *(sensor.url for sensor in self.sensors))
+        return (self.actuator.url, *source, *(sensor.port for sensor in self.sensors))
 
     @property
     def periods_s(self) -> list[float]:

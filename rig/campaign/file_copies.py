@@ -104,7 +104,7 @@ def keep_bench(source: Path, kept: Path) -> None:
         FileProblem: one cannot be read.
     """
     text = read_text(source, LARGEST_BENCH_BYTES)
-    for _, written in named_files.named(tomllib.loads(text)):
+    for _, written in named_files.named(tomllib.loads(text), source.parent):
         name = named_files.kept_name(written)
         text, copy = text.replace(json.dumps(written), json.dumps(name)), kept.parent / name
         try:

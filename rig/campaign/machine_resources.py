@@ -70,7 +70,7 @@ def devices_of(bench: Bench) -> dict[str, str]:
     """Names of the devices of a bench, as `device_names`, and the address of each in the bench file."""
     sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
     source = (bench.ecu.port,) if bench.ecu.port else ()
-    addresses = (bench.actuator.url, *source, *(sensor.url for sensor in sensors))
+    addresses = (bench.actuator.url, *source, *(sensor.port for sensor in sensors))
     return {device: address for address in addresses for device in device_names(address)}
 
 

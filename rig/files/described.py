@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
     from pydantic_core import CoreSchema
 
+NETWORK = "dbc"
+"""Key of a sensor's format that names the network description of its message."""
 LARGEST_DBC_BYTES = 262_144
 LARGEST_XML_BYTES = 4 << 20
 """Of a KCD, SYM or ARXML file, which needs more text for the same messages."""
@@ -81,10 +83,34 @@ def described(kind: str, given: Any) -> Any:  # noqa: ANN401 - a name, a file's 
         FileProblem: a file cannot be used.
     """
     if not is_file(given):
-        return given
+        return with_network_text(given) if isinstance(given, Mapping) else given
     from rig.files.descriptions import table_of  # loads the validator; the station has tables and comes not here
 
-    return table_of(kind, given)
+    return with_network_text(table_of(kind, given))
+
+
+def with_network_path(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """A description with the network description that it names as a whole path.
+
+    Args:
+        table: of any description.
+        folder: of the file that holds it.
+    """
+    given = table.get(NETWORK)
+    return {**table, NETWORK: str(folder / given)} if isinstance(given, str) else dict(table)
+
+
+def with_network_text(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A description with the name and text of the network description that it names: drivers read no file.
+
+    Raises:
+        FileProblem: the file cannot be read.
+    """
+    given = table.get(NETWORK)
+    if not isinstance(given, str):
+        return dict(table)
+    read = dbc_text(given)
+    return {**table, NETWORK: {"name": read.name, "text": read.text}}
 
 
 def dbc_text(path: str | Path, largest_bytes: int | None = None) -> DbcText:

@@ -14,9 +14,10 @@ from typing import Any
 
 from drivers.devices.supply_file import supply_description_problems
 from drivers.register_maps.map_file import map_problems
+from drivers.sensor_formats import format_problems
 from protocols.descriptions import Problem
-from protocols.sensor_format import format_problems
 from rig.errors import FileProblem
+from rig.files.described import NETWORK, with_network_path, with_network_text
 from rig.files.ecu_roles import RolesFile
 from rig.files.loader import lines_of, validated
 from rig.files.names import is_file
@@ -55,7 +56,12 @@ def problems_of(kind: str, table: Plain) -> list[Problem]:
     """What is wrong with a table: with its entries, else with what they say together."""
     description, whole = KINDS[kind], frozen(table)
     _, problems = validated(whole, description.model(whole))
-    return problems or list(description.problems(whole))
+    if problems:
+        return problems
+    try:
+        return list(description.problems(with_network_text(whole)))
+    except FileProblem as error:
+        return [((NETWORK,), problem) for problem in error.problems]
 
 
 def table_of(kind: str, path: str | Path) -> dict[str, Any]:
@@ -90,9 +96,10 @@ def checked(kind: str, source: TomlSource) -> dict[str, Any]:
     Raises:
         FileProblem: with every wrong entry of it.
     """
-    if problems := problems_of(kind, source.data):
+    data = with_network_path(source.data, source.path.parent)
+    if problems := problems_of(kind, data):
         raise FileProblem(str(source.path), lines_of(source, problems))
-    return {"name": source.path.stem, **source.data}
+    return {"name": source.path.stem, **data}
 
 
 def entry_problems(kind: str, given: Any) -> list[Problem]:  # noqa: ANN401 - a file's name or a table

@@ -16,6 +16,7 @@ from protocols.checksums import FRAME_CHECKSUMS, LINE_CHECKSUMS
 from protocols.line_format import ENCODINGS, LONGEST_LINE, NUMBERS, SIGNS
 from protocols.modbus_format import FRAMINGS, FUNCTIONS, TYPES
 from protocols.sensor_format import kind_of
+from rig.files.ecu_roles import Address, Name, Numbers, Protected
 from rig.files.quantity import Check
 from rig.files.section import DescriptionTable
 
@@ -69,8 +70,9 @@ class _AnyFormat(DescriptionTable):
 
     name: str | None = Field(None, description="name used in messages and recordings")
     base: str | None = Field(None, description="name of a preset that supplies the entries missing from this table")
-    kind: Literal["lines", "frames", "modbus"] | None = Field(
-        None, description="lines of text, frames of bytes or Modbus registers; default: inferred from the other keys"
+    kind: Literal["lines", "frames", "modbus", "can"] | None = Field(
+        None, description="lines of text, frames of bytes, Modbus registers or a CAN message; default: inferred from "
+            "the other keys"
     )
     description: str | None = Field(None, description="manufacturer, device and manual for this format; for "
         "information only")
@@ -206,7 +208,22 @@ class Fields(DescriptionTable):
     decimals: FieldEntry | None = Field(None, description="number of decimal places of the value, 0 to 9")
 
 
-class FrameFormatFile(_Format):
+class _Checksum(DescriptionTable):
+    """The checksum of a frame of bytes."""
+
+    checksum: Literal[FRAME_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
+        None, description="checksum (default none)"
+    )
+    checksum_at: Byte | None = Field(None, description="first byte of the checksum, counted from 0 (default: "
+        "directly before the end)")
+    checksum_over: ByteSpan | None = Field(
+        None, description="[first, last] byte covered by the checksum, counted from 0 (default: all bytes before "
+            "the checksum)"
+    )
+    checksum_order: Order | None = Field(None, description="byte order (default: that of the frame)")
+
+
+class FrameFormatFile(_Format, _Checksum):
     """Frames of bytes."""
 
     sync: Bytes | None = Field(None, description="bytes at the start of a frame")
@@ -230,16 +247,6 @@ class FrameFormatFile(_Format):
     escape: Byte | None = Field(None, description="escape byte before a stuffed byte (default 0x10)")
     escape_xor: Byte | None = Field(None, description="value with which a stuffed byte is XORed (default 0; HDLC: "
         "0x20)")
-    checksum: Literal[FRAME_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="checksum (default none)"
-    )
-    checksum_at: Byte | None = Field(None, description="first byte of the checksum, counted from 0 (default: "
-        "directly before the end)")
-    checksum_over: ByteSpan | None = Field(
-        None, description="[first, last] byte covered by the checksum, counted from 0 (default: all bytes before "
-            "the checksum)"
-    )
-    checksum_order: Order | None = Field(None, description="byte order (default: that of the frame)")
 
 
 Register = Annotated[int, Field(ge=0, le=999_999)]
@@ -295,9 +302,82 @@ class ModbusFormatFile(_AnyFormat):
     )
 
 
-FormatFile = LineFormatFile | FrameFormatFile | ModbusFormatFile
+class CanStatus(DescriptionTable):
+    """A signal of the same message that states the condition of the sensor."""
+
+    signal: str = Field(examples=["State"], description="name of the signal in the message")
+    overload_values: Numbers | None = Field(
+        None, description="raw numbers or value names that mean that the input is out of range"
+    )
+    fault_values: Numbers | None = Field(
+        None, description="raw numbers or value names that mean that the sensor is broken or not connected"
+    )
+    overload_bits: Mask | None = Field(None, description="mask of the bits that mean that the input is out of range")
+    fault_bits: Mask | None = Field(None, description="mask of the bits that mean that the sensor is broken")
+
+
+class NetworkText(DescriptionTable):
+    """A network description as the station receives it: its file's name and text."""
+
+    name: str
+    text: str
+
+
+Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
+
+
+class CanRequest(DescriptionTable):
+    """A data frame that requests a reading."""
+
+    id: Identifier = Field(examples=[0x080], description="identifier of the request")
+    extended: bool | None = Field(None, description="29-bit identifier (default: if the identifier exceeds 0x7FF)")
+    data: tuple[Byte, ...] | None = Field(None, max_length=8, description="data bytes (default none)")
+
+
+class CanFormatFile(_AnyFormat, _Checksum):
+    """A CAN message that carries the reading: a signal of a DBC file, or the places of the numbers in the message."""
+
+    dbc: str | NetworkText | None = Field(
+        None, examples=["sensors.dbc"], description="DBC, KCD, SYM or ARXML file that describes the message"
+    )
+    signal: Name | None = Field(None, description="the signal of the reading in the DBC file")
+    status: CanStatus | None = Field(None, description="signal of the same message that states the condition of the "
+        "sensor")
+    id: Identifier | None = Field(None, description="identifier of the message, if there is no DBC file")
+    extended: bool | None = Field(None, description="29-bit identifier (default: if the identifier exceeds 0x7FF)")
+    length: int | None = Field(None, ge=1, le=64, description="number of data bytes of the message")
+    j1939: bool | None = Field(
+        None, description="the identifier is that of a J1939 parameter group, which is accepted from any source address"
+    )
+    source_address: Address | None = Field(
+        None, description="J1939 source address of the sensor (default: the first one that sends the parameter group)"
+    )
+    order: Order | None = Field(None, description="byte order of numbers (default little)")
+    fields: Fields | None = Field(
+        None, description="if there is no DBC file: table `value` and, optionally, the tables `status`, `sequence` "
+            "and `time`"
+    )
+    protection: Protected = Field(
+        None, description="counter and checksum of the message, as in the roles file of an ECU"
+    )
+    request: Literal["remote"] | CanRequest | None = Field(
+        None, description='for a sensor that must be polled: "remote" (a remote frame) or the data frame that requests '
+            "a reading"
+    )
+    valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
+        None, description="[lowest, highest] valid raw number; a number outside this range is an overload"
+    )
+    overload_values: Numbers | None = Field(
+        None, description="raw numbers or value names that mean that the input is out of range"
+    )
+    fault_values: Numbers | None = Field(
+        None, description="raw numbers or value names that mean that the sensor is broken or not connected"
+    )
+
+
+FormatFile = LineFormatFile | FrameFormatFile | ModbusFormatFile | CanFormatFile
 _MODELS: Mapping[str, type[FormatFile]] = {
-    "lines": LineFormatFile, "frames": FrameFormatFile, "modbus": ModbusFormatFile,
+    "lines": LineFormatFile, "frames": FrameFormatFile, "modbus": ModbusFormatFile, "can": CanFormatFile,
 }  # fmt: skip
 
 

@@ -143,7 +143,7 @@ def _answer_times(driver: Actuator) -> tuple[float, ...]:
 
 def _reading_rates(sensor: SensorThread, devices: Devices) -> Iterator[int]:
     """Baud rates at which a sensor's bytes make valid frames; its own thread ends first."""
-    if "://" in sensor.config.url:
+    if sensor.config.url is None or "://" in sensor.config.url:
         return  # a socket has no rate
     sensor.end()
     sensor.close()

@@ -92,6 +92,9 @@ class Preparation:
     @staticmethod
     def _prove_sensor(sensor: SensorThread) -> dict[str, object]:
         rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
+        refusal, words = sensor.refusal
+        if refusal:
+            raise StationRefused(refusal, f"{sensor.name}: {words}")
         if rate_Hz is None:
             slug = "serial-baud" if sensor.garbled else "no-answer"
             raise StationRefused(

@@ -124,10 +124,10 @@ class UserBench:
         own = dict(self.values)
         own["actuator"] = {**own["actuator"], "url": addresses.actuator_url}
         own["ecu"] = self._current_source(own["ecu"], addresses)
-        own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
-        own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
+        own["load_cell"] = _at(own["load_cell"], addresses.load_cell_url)
+        own["lvdt"] = _at(own["lvdt"], addresses.lvdt_url)
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
-        own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
+        own["auxiliary"] = [_at(sensor, url) for sensor, url in further]
         return _file(own)
 
     @staticmethod
@@ -138,15 +138,22 @@ class UserBench:
         if addresses.supply_url:
             unit = {} if addresses.supply_url.startswith("tcp:") else {"device_id": DEVICE_ID}
             return {**own, "url": addresses.supply_url, **unit}
-        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
-        if own["interface"] == "slcan":
-            return {**own, "channel": channel}
-        kept = {key: value for key, value in own.items() if key != "interface_options"}
-        return {**kept, "interface": "slcan", "bitrate": BITRATE, "channel": channel}
+        return _on_bus(own, addresses.slcan_url)
 
     def portable(self, text: str) -> str:
         """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
         return _file(self.values) if any(named_files.named(self.values)) else text
+
+
+def _at(sensor: Mapping[str, Any], url: str) -> dict[str, Any]:
+    """The table of a sensor with the address of a rig."""
+    return _on_bus(sensor, url) if "interface" in sensor else {**sensor, "url": url}
+
+
+def _on_bus(own: Mapping[str, Any], channel: str) -> dict[str, Any]:
+    """The table of a device on CAN with the bus of a rig."""
+    kept = {key: value for key, value in own.items() if key != "interface_options"}
+    return {**kept, "interface": "slcan", "bitrate": BITRATE, "channel": channel}
 
 
 def _file(values: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from drivers.catalogue import (
     make_sensor,
     make_supply,
 )
-from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
+from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.current_source import CurrentSource
 from drivers.errors import (
     Busy,
@@ -41,6 +41,7 @@ from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLi
 from rig.station.interlocks.current_interlock import EcuInterlock
 from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
+from rig.station.threads.shared_connections import SharedConnections
 from rig.station.threads.actuator_thread import ActuatorThread
 from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
@@ -74,6 +75,7 @@ class Devices:
         self.append = append
         self._supervisor = supervisor
         self._connections: dict[str, SensorConnection] = {}
+        self._shared = SharedConnections(config)
         limits, margins = config.limits, config.margins
         speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
         self.load_cell = self._sensor(config.load_cell, append, SensorRole(
@@ -95,7 +97,7 @@ class Devices:
             for index, given in enumerate(config.auxiliary)
         )
         given_ecu, given_actuator = config.ecu, config.actuator
-        source = _current_source(given_ecu)
+        source = _current_source(given_ecu, self._shared)
         self.coil = CurrentSourceThread(
             given_ecu,
             source,
@@ -126,8 +128,8 @@ class Devices:
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         connection = self._connections[given.label] = SensorConnection(
-            given.url, given.baudrate, given.label, role.channel, given.format,
-            scale_of(given, self.config.device_rate), given.line,
+            given.port, given.baudrate, given.label, role.channel, given.format,
+            scale_of(given, self.config.device_rate), given.line, self._shared.bus(given.port),
         )
         return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 
@@ -216,15 +218,13 @@ def slug_of(error: Exception) -> str:
     return next((slug for kind, slug in REFUSALS if isinstance(error, kind)), "unreachable")
 
 
-def _current_source(given: EcuConfig) -> CurrentSource:
+def _current_source(given: EcuConfig, shared: SharedConnections) -> CurrentSource:
     """The driver of the coil's current source: a person, a supply where its address is stated, else on CAN."""
     if given.by_hand:
         return make_manual_source(given.rehearsal)
     described = given.described_supply
     if given.url is None or described is None:
-        return make_current_source(*given.described_source, CanAddress(
-            given.interface or "", given.channel or "", given.bitrate, given.interface_options
-        ))
+        return make_current_source(*given.described_source, given.bus, shared.bus(given.port))
     return make_supply(SupplyConnection(
         given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
         given.identity or "", given.device_id,

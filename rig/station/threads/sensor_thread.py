@@ -128,6 +128,13 @@ class SensorThread(ReadingThread):
         return self._driver.bad_frames > 0 or self._driver.skipped_bytes > 0
 
     @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why what is received cannot be this sensor's; two empty texts while nothing shows it."""
+        # A driver of a plug-in need not have it.
+        refusal: tuple[str, str] = getattr(self._driver, "refusal", ("", ""))
+        return refusal
+
+    @property
     def speed_m_s(self) -> float:
         """Speed by the LVDT (m/s); NaN while unknown or for another sensor."""
         return math.nan if self.motion is None else self.motion.speed_m_s

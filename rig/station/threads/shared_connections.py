@@ -1,0 +1,33 @@
+"""Connections that several devices of a bench share: CAN buses, Modbus servers and serial lines."""
+
+from __future__ import annotations
+
+from drivers.can_bus import CanBus
+from drivers.catalogue import current_source_needs_fd
+from drivers.sensor_formats import described_format
+from protocols.binary_format import BinaryFormat
+from rig.bench.settings import StationConfig
+
+
+class SharedConnections:
+    """One connection for all devices behind one address, made before the drivers that use it.
+
+    Args:
+        config: of the station.
+    """
+
+    def __init__(self, config: StationConfig) -> None:
+        self._buses: dict[str, CanBus] = {}
+        on_CAN = [given for given in config.sensors if given.bus is not None]
+        for given in on_CAN:
+            if given.bus is not None and given.port not in self._buses:
+                formats = [described_format(one.described) for one in on_CAN if one.port == given.port]
+                fd = any(isinstance(one, BinaryFormat) and one.can is not None and one.can.fd for one in formats)
+                ecu = config.ecu
+                if ecu.url is None and not ecu.by_hand and ecu.port == given.port:
+                    fd = fd or current_source_needs_fd(*ecu.described_source)
+                self._buses[given.port] = CanBus(given.bus, fd=fd)
+
+    def bus(self, port: str) -> CanBus | None:
+        """The CAN bus of this name on which there are sensors; None where there is none."""
+        return self._buses.get(port)

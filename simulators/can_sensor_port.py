@@ -1,0 +1,81 @@
+"""A simulated sensor's end of the CAN bus: its rows of bytes go out as frames, and requests for readings come in."""
+
+from __future__ import annotations
+
+from protocols.binary_format import BinaryFormat
+from protocols.can_frame import CanFrame, decode_requests
+from protocols.j1939 import from_address
+from rig.clock import monotonic_ns
+from simulators.slcan_bus import SlcanBus, frame_line
+
+SIMULATED_ADDRESS = 0x90
+"""J1939 source address of a sensor whose format states none."""
+
+
+class CanSensorPort:
+    """The port of one sensor; a `simulators.serial_port.SensorPort`.
+
+    Args:
+        bus: the bus, which carries the frames of other devices, too.
+        layout: the sensor's format.
+        message: its message.
+
+    Attributes:
+        waits: frames wait in the sockets of the bus's clients, not here.
+    """
+
+    def __init__(self, bus: SlcanBus, layout: BinaryFormat, message: CanFrame) -> None:
+        self.waits = False
+        self.dropped_frames = self.unheard_frames = self.sent_bytes = 0
+        self._bus = bus
+        self._request = layout.exchange.request
+        address = SIMULATED_ADDRESS if message.source_address is None else message.source_address
+        self._key = from_address(message.key, address) if message.by_group else message.key
+        self._group = message.by_group
+        self._heard: list[tuple[int, bytes]] = []
+        self._closed = self._read_once = False
+
+    @property
+    def url(self) -> str:
+        """Where the bus is."""
+        return f"socket://127.0.0.1:{self._bus.port}"
+
+    def write(self, data: bytes, frame_size: int) -> None:
+        """Send rows of `frame_size` bytes (`protocols.can_frame`), each as one frame."""
+        if self._closed:
+            return
+        rows = [data[at : at + frame_size] for at in range(0, len(data), frame_size)]
+        self._bus.send_lines([frame_line(self._key, row[1 : 1 + row[0]]) for row in rows])
+        self.sent_bytes += len(data)
+
+    def unread(self) -> int:
+        """Nothing waits here."""
+        return 0
+
+    @property
+    def read_once(self) -> bool:
+        """Whether a client hears the bus."""
+        self._read_once = self._read_once or any(client.listening for client in self._bus.clients)
+        return self._read_once
+
+    def listen(self) -> None:
+        """Keep the requests that come from now on."""
+        self._bus.listeners.append(self._hear)
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """The requests since the last call, each with the monotonic time (ns) it came at."""
+        heard, self._heard = self._heard, []
+        return heard
+
+    def close(self) -> None:
+        """The sensor is off: it sends no more; the bus stays."""
+        self._closed = True
+
+    def _hear(self, identifier: int, data: bytes, remote: bool) -> None:
+        key, content, is_remote = next(decode_requests(self._request))
+        if self._group and is_remote:
+            key = self._key
+        same = data == content or remote
+        if (identifier, remote) == (key, is_remote) and same:
+            self._heard.append((monotonic_ns(), self._request))
+
