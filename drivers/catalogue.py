@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers import plugins
 from drivers.can_bus import CanBus, CanSensorPort
@@ -35,8 +35,11 @@ from drivers.sensor_formats import described_format
 from drivers.sensor_formats import wire_text as sensor_wire_text
 from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
 from drivers.streamed_actuator import as_actuator
-from protocols.binary_format import BinaryFormat
+from protocols.binary_format import BinaryFormat, Registers
 from protocols.sensor_presets import TABLES
+
+if TYPE_CHECKING:
+    from drivers.modbus_line import ModbusLine
 
 __all__ = [
     "DbcText",
@@ -271,14 +274,19 @@ def current_source_needs_fd(given: Given, roles: Mapping[str, Any] | None) -> bo
     return _is_described(given) and current_source(given, roles).fd
 
 
-def make_supply(connection: SupplyConnection) -> CurrentSource:
-    """The driver of a programmable supply, or of an analogue output, that drives the coil; nothing is opened."""
+def make_supply(connection: SupplyConnection, line: ModbusLine | None = None) -> CurrentSource:
+    """The driver of a programmable supply, or of an analogue output, that drives the coil; nothing is opened.
+
+    Args:
+        connection: how to reach it.
+        line: of an output, the connection where sensors share it.
+    """
+    if connection.description.output is None:
+        return ScpiSupply(connection)
     # loads pymodbus: only when needed
     from drivers.modbus_output import ModbusOutput
-    if connection.description.output is not None:
-        return ModbusOutput(connection, connection.description.output)
 
-    return ScpiSupply(connection)
+    return ModbusOutput(connection, connection.description.output, line)
 
 
 def make_manual_source(rehearsal: str | None) -> CurrentSource:
@@ -306,6 +314,7 @@ class SensorConnection:
         scale: from the wire to SI, and its rate.
         framing: what else belongs to its serial line; the baud rate in it counts for nothing.
         bus: of a sensor on CAN.
+        modbus: of a sensor whose readings are Modbus registers, where other devices share its connection.
     """
 
     url: str
@@ -316,6 +325,7 @@ class SensorConnection:
     scale: SampleScale
     framing: LineSettings = USUAL
     bus: CanBus | None = None
+    modbus: ModbusLine | None = None
 
 
 SensorMaker = Callable[[SensorConnection], Sensor]
@@ -352,11 +362,42 @@ def make_sensor(connection: SensorConnection) -> Sensor:
         brought: Sensor | None = plugins.made(plugins.SENSORS, given, Sensor, connection)
         if brought is not None:
             return brought
-    line_format = given if isinstance(given, str) else described_format(given)
+    line_format = given if isinstance(given, str) and given in BINARY else described_format(given, connection.channel)
+    if isinstance(line_format, BinaryFormat) and line_format.registers is not None:
+        return _modbus_sensor(connection, line_format, line_format.registers)
     port: CanSensorPort | None = None
     if connection.bus is not None and isinstance(line_format, BinaryFormat) and line_format.can is not None:
         port = CanSensorPort(connection.bus, connection.name, line_format.can)
     return SerialSensor(
         connection.url, replace(connection.framing, baudrate=connection.baudrate), name=connection.name,
         channel=connection.channel, line_format=line_format, scale=connection.scale, port=port,
+    )
+
+
+def modbus_connection(url: str, line: LineSettings, device_rate: float, *, rtu: bool) -> ModbusLine:
+    """A connection for Modbus sensors and an analogue output; nothing is opened.
+
+    Args:
+        url: `modbus-tcp://host:port`, `socket://host:port`, or a serial port.
+        line: settings of the serial line.
+        device_rate: device seconds that pass in one second of the host's clock.
+        rtu: Modbus RTU, else Modbus TCP.
+    """
+    # loads pymodbus: only when needed
+    from drivers.modbus_line import ModbusLine
+
+    return ModbusLine(url, line, rtu=rtu, device_rate=device_rate)
+
+
+def _modbus_sensor(connection: SensorConnection, layout: BinaryFormat, registers: Registers) -> Sensor:
+    # loads pymodbus: only when needed
+    from drivers.modbus_line import ModbusSensor
+
+    line = connection.modbus or modbus_connection(
+        connection.url, replace(connection.framing, baudrate=connection.baudrate), connection.scale.device_rate,
+        rtu=registers.rtu,
+    )
+    return ModbusSensor(
+        line, name=connection.name, channel=connection.channel, layout=layout, registers=registers,
+        scale=connection.scale,
     )

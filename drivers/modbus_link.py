@@ -40,6 +40,7 @@ class ModbusLink:
         device: name of the device for messages.
         baudrate: Bd of a serial line.
         parity: "N", "E" or "O", of a serial line.
+        wire: the connection where other devices share it; None: one of its own.
 
     Attributes:
         timeouts: answers that did not come in time, since construction.
@@ -48,7 +49,7 @@ class ModbusLink:
 
     def __init__(
         self, url: str, device_id: int = 1, timeout_s: float = 0.04, *, device: str = "actuator",
-        baudrate: int = 115_200, parity: str = "N",
+        baudrate: int = 115_200, parity: str = "N", wire: Wire | None = None,
     ) -> None:
         self.url = url
         self.device = device
@@ -56,8 +57,10 @@ class ModbusLink:
         self.busy = 0
         self._timeout_s = timeout_s
         self._silent = 0
-        self._wire: Wire | None = None
+        self._wire = wire
         self.address = ActuatorAddress.parse(url)
+        if wire is not None:
+            return
         if self.address.kind is LinkKind.MODBUS_RTU:
             self._wire = RtuWire(self.address, device_id, device, baudrate, parity)
         elif self.address.kind is LinkKind.MODBUS_TCP:

@@ -17,6 +17,7 @@ from drivers.current_source import SourceBatch, SourceFault, SourceIdentity, Sou
 from drivers.devices.output import CURRENT, ENABLE, IDENTITY, MEASURED, AnalogueOutput
 from drivers.devices.supply import SupplyConnection
 from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
+from drivers.modbus_line import ModbusLine, SharedWire
 from drivers.modbus_link import ModbusLink
 from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import DEVICE, PolledSource
@@ -44,9 +45,12 @@ class ModbusOutput(PolledSource):
     Args:
         connection: how to reach it.
         output: its registers.
+        line: the connection where sensors share it; None: one of its own.
     """
 
-    def __init__(self, connection: SupplyConnection, output: AnalogueOutput) -> None:
+    def __init__(
+        self, connection: SupplyConnection, output: AnalogueOutput, line: ModbusLine | None = None
+    ) -> None:
         super().__init__(connection, "output")
         described = connection.description
         self.malformed = 0
@@ -54,6 +58,7 @@ class ModbusOutput(PolledSource):
         self._link = ModbusLink(
             connection.url, connection.device_id, connection.timeout_s, device=DEVICE,
             baudrate=connection.baudrate or described.link.baudrate, parity=described.link.parity,
+            wire=None if line is None else SharedWire(line, connection.device_id, DEVICE),
         )
         self._access = RegisterAccess(self._link, output.rules, together=False)
         self._held_A: float | None = None

@@ -134,7 +134,7 @@ class SampleStream:
     """Bytes of one sensor in, records out; knows no port.
 
     Args:
-        decoder: splits the bytes.
+        decoder: splits the bytes; None where readings come decoded (`take_readings`).
         channel: sensor channel 1..9; its edges go to the matching edge channel.
         scale: from the wire to SI, and the sensor's rate.
         has_sequence: whether the format carries a sequence number; without one, losses are counted against the rate
@@ -146,7 +146,7 @@ class SampleStream:
 
     def __init__(
         self,
-        decoder: Decoder,
+        decoder: Decoder | None,
         channel: Channel,
         scale: SampleScale,
         *,
@@ -181,11 +181,19 @@ class SampleStream:
         Returns:
             The samples and edges they complete.
         """
+        if self._decoder is None:
+            return self.take_readings([], arrival_ns)
         lost_before, bad_before = self.counters.lost, self._decoder.bad_frames
         readings = self._decoder.feed(chunk) if chunk else []
         if self._watch is not None:
             arrived = len(readings) + self._decoder.bad_frames - bad_before
             self._skip(self._watch.missing(arrived, arrival_ns))
+        records = self._records(readings, arrival_ns)
+        return Batch(records, self.counters.lost - lost_before, arrival_ns)
+
+    def take_readings(self, readings: list[Reading], arrival_ns: int) -> Batch:
+        """The batch of readings that were decoded elsewhere, such as by a connection that several sensors share."""
+        lost_before = self.counters.lost
         records = self._records(readings, arrival_ns)
         return Batch(records, self.counters.lost - lost_before, arrival_ns)
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from drivers.devices.can_sensor import can_format
 from drivers.ring import Channel
-from protocols.binary_format import BinaryFormat
+from protocols.binary_format import BinaryFormat, Registers
 from protocols.descriptions import DescriptionProblems, Problem
 from protocols.line_format import LineFormat
-from protocols.sensor_format import SensorFormat, from_description, kind_of, preset
+from protocols.sensor_format import SensorFormat, from_description, kind_of, modbus_framing, preset
 from protocols.sensor_presets import TABLES
 
 FRAME16 = "frame16"
@@ -49,6 +49,16 @@ def described_format(given: Given, channel: Channel | None = None) -> SensorForm
 def is_can(given: Given) -> bool:
     """Whether a format is a CAN message, which is read on a bus and not at a serial port."""
     return not isinstance(given, str) and kind_of(given) == CAN
+
+
+def registers_of(given: Given) -> Registers | None:
+    """The Modbus registers of a format; None for one that is read in another way, or is a plug-in's.
+
+    Raises:
+        DescriptionProblems: the table contradicts itself.
+    """
+    made = described_format(given) if modbus_framing(given) else None
+    return made.registers if isinstance(made, BinaryFormat) else None
 
 
 def format_problems(table: Mapping[str, Any]) -> list[Problem]:

@@ -45,6 +45,7 @@ class SharedConnection(Generic[T]):
         self._users: dict[str, bool] = {}
         self._is_open = self._is_read = False
         self._failed: tuple[int, str] | None = None
+        self._before: DriverError | None = None
 
     def add(self, user: str) -> None:
         """A device will use the connection."""
@@ -81,7 +82,6 @@ class SharedConnection(Generic[T]):
             self._users[user] = False
             if not any(self._users.values()):
                 self._shut()
-                self.lost = None
             self.state.notify_all()
 
     def wait(self, done: Callable[[], bool], timeout_s: float, user: str, until_ns: Callable[[], int]) -> None:
@@ -149,11 +149,15 @@ class SharedConnection(Generic[T]):
         Raises:
             PortClosed: it is gone.
         """
-        if self.lost is not None:
-            shared = f" (shared by {self.users})" * (len(self._users) > 1)
-            raise PortClosed(user, self.name, f"{self.lost.message}{shared}", self.lost.fix)
-        if not self._users[user]:
+        error = self.lost
+        if error is None and self._users[user]:
+            return
+        if error is None:
+            error = self._before
+        if error is None:
             raise PortClosed(user, self.name, "the connection is not open")
+        shared = f" (shared by {self.users})" * (len(self._users) > 1)
+        raise PortClosed(user, self.name, f"{error.message}{shared}", error.fix)
 
     def _open_first(self, user: str) -> None:
         now_ns = clock.monotonic_ns()
@@ -168,5 +172,7 @@ class SharedConnection(Generic[T]):
         self._failed, self._is_open = None, True
 
     def _shut(self) -> None:
+        """Close the connection; who had it open when it was lost has to open it again, and is told of the loss."""
         self._close_port()
-        self._is_open, self.lost = False, None
+        self._users = dict.fromkeys(self._users, False)
+        self._is_open, self.lost, self._before = False, None, self.lost

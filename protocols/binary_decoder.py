@@ -40,7 +40,7 @@ class BinaryDecoder:
         self._escaped = False
         self._weak = not answers and binary_format.checksum == "none" and not binary_format.packed
         self._locked = False
-        self._meaning = _Meaning(binary_format)
+        self._meaning = FrameMeaning(binary_format)
         self._frames = self._by_length if binary_format.stuffing == "none" else self._by_stuffing
         if binary_format.can is not None:
             self._frames = self._by_message
@@ -178,7 +178,7 @@ class BinaryDecoder:
         return event
 
 
-class _Meaning:
+class FrameMeaning:
     """From a frame's bytes to a reading: value, status, and counters that are wider than the frame's own."""
 
     def __init__(self, binary_format: BinaryFormat) -> None:

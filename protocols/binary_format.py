@@ -118,6 +118,34 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Registers:
+    """The Modbus registers of one reading.
+
+    Attributes:
+        unit: address of the device.
+        function: 3 (holding registers) or 4 (input registers).
+        address: of the first one, as on the wire.
+        count: how many.
+        rtu: Modbus RTU, else Modbus TCP.
+        largest_gap: so many registers between these and those of another sensor may be read with both.
+        first_address: what the manual calls address 0.
+    """
+
+    unit: int
+    function: int
+    address: int
+    count: int
+    rtu: bool
+    largest_gap: int = 0
+    first_address: int = 0
+
+    @property
+    def end(self) -> int:
+        """Address behind the last one."""
+        return self.address + self.count
+
+
+@dataclass(frozen=True)
 class BinaryFormat:
     """How one reading is written as a frame of bytes; made and checked by `protocols.sensor_format`.
 
@@ -142,6 +170,7 @@ class BinaryFormat:
         nominal_rate_Hz: frames a second, or None.
         exchange: what is sent to the device.
         can: the CAN message that is the frame; None for a stream of bytes.
+        registers: of a format whose frames are answers of Modbus; else None.
     """
 
     name: str
@@ -162,6 +191,7 @@ class BinaryFormat:
     nominal_rate_Hz: float | None = None
     exchange: Exchange = field(default_factory=Exchange)
     can: CanFrame | None = None
+    registers: Registers | None = None
 
     @property
     def has_sequence(self) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from protocols.binary_format import SIZES, BinaryFormat, Field
+from protocols.binary_format import SIZES, BinaryFormat, Field, Registers
 from protocols.checksums import CHECKSUMS
 from protocols.descriptions import Place, Problem
 from protocols.exchange import Exchange
@@ -73,6 +73,7 @@ def modbus_format(values: Mapping[str, Any], problems: list[Problem]) -> BinaryF
         checksum=_CRC if rtu else "none", checksum_at=length - 2, checksum_over=(0, length - 3),
         checksum_order="little", unit=values.get("unit", "N"), nominal_rate_Hz=values.get("nominal_rate_Hz"),
         exchange=Exchange(request=asked, answer_timeout_s=1e-3 * values.get("answer_timeout_ms", 100.0)),
+        registers=Registers(unit, function, begin, end - begin, rtu, values.get("largest_gap", 0), base),
     )  # fmt: skip
     for name, field in fields.items():
         problems += (((*((name,) * (name in OTHERS)), *place), text)

@@ -204,7 +204,8 @@ class SensorOptions:
     unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
     With `reversed` it counts the other way round, which the written bench file does not say. `format` is "frame16",
     "signed-decimal", or any described format; `described` is then its name or table in the bench file, and `wire_zero`
-    what is on the wire for zero. A format with a request is answered.
+    what is on the wire for zero. A format with a request is answered. Modbus sensors with the same `line` are parts of
+    one device where their registers do not overlap.
     """
 
     unit: Literal["N", "mm", "m/s^2"] = "N"
@@ -236,6 +237,7 @@ class SensorOptions:
     clock_offset_us: float = math.nan
     clock_ppm: float = math.nan
     baudrate: PositiveInt = 921_600
+    line: str = ""
 
 
 LVDT = SensorOptions(

@@ -39,6 +39,7 @@ class SimulatedOutput:
         self._described = described
         self._output = output
         self._number = serial_number
+        self._hosted = ""
         self._cells: dict[tuple[str, int], int] = {}
         self._boots = ecu.boot_count
         self._watching = output.watchdog is not None and not output.watchdog.start
@@ -52,7 +53,11 @@ class SimulatedOutput:
     @property
     def url(self) -> str:
         """Where it is, after `open`."""
-        return self.server.url
+        return self._hosted or self.server.url
+
+    def is_hosted_by(self, address: str) -> None:
+        """Its registers are those of a device with sensors at this address (host:port); no server of its own opens."""
+        self._hosted = f"modbus-tcp://{address}"
 
     @property
     def stays_on(self) -> bool:
@@ -61,11 +66,13 @@ class SimulatedOutput:
 
     async def open(self) -> None:
         """Listen on a free port of the loopback interface."""
-        await self.server.open()
+        if not self._hosted:
+            await self.server.open()
 
     async def close(self) -> None:
         """Stop listening and hang up."""
-        await self.server.close()
+        if not self._hosted:
+            await self.server.close()
 
     def tick(self, served_s: float) -> None:
         """Judge its own time-out (wall s), and start anew with the output stage."""

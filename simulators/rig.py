@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from drivers.roles import State
-from protocols.binary_format import BinaryFormat
+from protocols.binary_format import BinaryFormat, Registers
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators import bench
@@ -30,9 +30,11 @@ from simulators.emulated_bench import actuator_lines
 from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
 from simulators.faulty import Undo
 from simulators.injection import INJECTORS, VARIANTS
+from simulators.modbus_box import ModbusBox
 from simulators.modbus_server import LinkFaults, ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
+from simulators.output_module import SimulatedOutput
 from simulators.pace import Backpressure, Pace
 from simulators.plant import step as plant_step
 from simulators.plant.plant import MAXIMUM_STEPS
@@ -81,6 +83,8 @@ class RunOptions:
     supply: str | Mapping[str, Any] = ""
     by_hand: str = ""
     """The coil's current by a supply in place of the ECU; by hand: the pressure while its knob is turned."""
+    supply_line: str = ""
+    """An analogue output is a part of the device of the Modbus sensors with this `SensorOptions.line`."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -127,6 +131,7 @@ class SimulatedRig:
             before_access=self._catch_up if not controller.generator else lambda: None,
         )
         self.channels: list[Channel] = []
+        self._boxes: list[tuple[tuple[str, bool], ModbusBox]] = []
         self.first_cycle_s: float | None = None
         self._names: tempfile.TemporaryDirectory[str] | None = None
         self.every_tick: list[Callable[[], None]] = []
@@ -161,14 +166,13 @@ class SimulatedRig:
         """
         await self.modbus.open()
         await self.bus.open()
-        if self.supply is not None:
-            await self.supply.open()
         kind, options = self.run_options.ports, self.options
         self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
         self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
         auxiliaries = (options.auxiliary,) * self.run_options.auxiliary
         for number, auxiliary in enumerate(self.run_options.auxiliaries or auxiliaries, start=1):
             self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
+        await self._open_supply()
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
         supply_url = "" if self.supply is None else self.supply.url
@@ -396,9 +400,34 @@ class SimulatedRig:
         port: SensorPort
         if isinstance(layout, BinaryFormat) and layout.can is not None:
             port = CanSensorPort(self.bus, layout, layout.can)
+        elif isinstance(layout, BinaryFormat) and layout.registers is not None:
+            port = self._box(options, layout.registers, kind).add(layout, layout.registers)
         else:
             port = NamedPort(self._ports_folder(), by_id, speed) if kind == BY_ID else open_port(kind, speed)
         self.channels.append(Channel(name, sensor, port, column))
+
+    def _box(self, options: SensorOptions, registers: Registers, kind: str) -> ModbusBox:
+        """The simulated device with these registers: the one of the sensor's line that has them free, or a new one."""
+        mine = (options.line, registers.rtu)
+        for key, box in self._boxes:
+            if key == mine and box.has_room(registers):
+                return box
+        port = open_port(kind if registers.rtu else "socket", options.baudrate)
+        box = ModbusBox(port, rtu=registers.rtu, clocked=self.run_options.speed == 1.0)
+        self._boxes.append((mine, box))
+        return box
+
+    async def _open_supply(self) -> None:
+        """Listen for the host's supply; an analogue output is a part of the sensors' device where that has room."""
+        supply, line = self.supply, self.run_options.supply_line
+        if isinstance(supply, SimulatedOutput):
+            for (of, _), box in self._boxes:
+                if of == line and box.can_host(supply):
+                    supply.is_hosted_by(box.address)
+                    box.output = supply
+                    return
+        if supply is not None:
+            await supply.open()
 
     def _ports_folder(self) -> Path:
         if self._names is None:

@@ -300,6 +300,10 @@ class ModbusFormatFile(_AnyFormat):
     decimals: DecimalsRegister | None = Field(
         None, description="register with the number of decimal places of the reading, read with the reading"
     )
+    largest_gap: int | None = Field(
+        None, ge=0, le=120, description="largest number of registers between this reading and that of another sensor "
+            "of the same device that may be read with both in one request (default 0: only adjacent registers)"
+    )
 
 
 class CanStatus(DescriptionTable):

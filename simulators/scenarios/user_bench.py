@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import plugins
-from drivers.connection import ActuatorAddress, LinkKind
+from drivers.connection import ActuatorAddress, LinkKind, modbus_line
 from drivers.register_maps.map_file import controller_names
 from drivers.sensor_formats import FRAME16, described_format
 from protocols.errors import LocalProtocolError
@@ -91,6 +91,11 @@ class UserBench:
     supply: str | Mapping[str, Any] = ""
     streamed: bool = False
     unmeasured: bool = False
+
+    @property
+    def supply_line(self) -> str:
+        """The connection of an analogue output, which sensors may share."""
+        return modbus_line(str(self.values["ecu"].get("url", "")))
 
     @property
     def by_hand(self) -> bool:
@@ -281,7 +286,7 @@ def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> 
         format=described, described="" if own else sensor.format, range=full, noise=usual.noise / usual.range * full,
         resolution=usual.resolution / usual.range * full, offset=zero if own else 0.0, wire_zero=0.0 if own else zero,
         reversed=calibration.sign < 0.0, bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, baudrate=sensor.baudrate,
-        serial_number=calibration.serial_number, burst_s=min(usual.burst_s, BURST_SHARE * _patience_s(sensor)),
+        serial_number=calibration.serial_number, line=modbus_line(sensor.port), burst_s=min(usual.burst_s, BURST_SHARE * _patience_s(sensor)),
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from drivers.errors import (
     NoAnswer,
     OtherAnswer,
     RequestRefused,
+    SharedConnectionClosed,
     WrongAnswer,
     WrongIdentity,
     WrongLayout,
@@ -130,6 +131,7 @@ class Devices:
         connection = self._connections[given.label] = SensorConnection(
             given.port, given.baudrate, given.label, role.channel, given.format,
             scale_of(given, self.config.device_rate), given.line, self._shared.bus(given.port),
+            self._shared.modbus(given.port),
         )
         return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 
@@ -140,7 +142,7 @@ class Devices:
 
     def at_another_rate(self, sensor: SensorThread, baudrate: int) -> Sensor:
         """A further driver of a sensor's port, which its own has closed, at another baud rate; nothing is opened."""
-        return make_sensor(dataclasses.replace(self._connections[sensor.name], baudrate=baudrate))
+        return make_sensor(dataclasses.replace(self._connections[sensor.name], baudrate=baudrate, modbus=None))
 
     def __iter__(self) -> Iterator[Device]:
         return iter((*self.sensors, self.coil, self.actuator))
@@ -152,6 +154,8 @@ class Devices:
             StationRefused: one line for each device that cannot be reached; all ports are closed again.
         """
         problems = list(self.open_each().values())
+        # A connection that several devices share is reported once, by the first of them.
+        problems = [one for one in problems if not isinstance(one, SharedConnectionClosed)] or problems
         if problems:
             self.close()
             raise StationRefused(slug_of(problems[0]), "\n".join(map(with_fix, problems)))
@@ -228,7 +232,7 @@ def _current_source(given: EcuConfig, shared: SharedConnections) -> CurrentSourc
     return make_supply(SupplyConnection(
         given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
         given.identity or "", given.device_id,
-    ))
+    ), shared.modbus(given.url))
 
 
 def _interlock(

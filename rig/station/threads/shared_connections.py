@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from drivers.can_bus import CanBus
-from drivers.catalogue import current_source_needs_fd
-from drivers.sensor_formats import described_format
+from drivers.catalogue import current_source_needs_fd, modbus_connection
+from drivers.connection import modbus_line
+from drivers.sensor_formats import described_format, registers_of
+from drivers.modbus_line import ModbusLine
 from protocols.binary_format import BinaryFormat
 from rig.bench.settings import StationConfig
 
@@ -27,6 +29,20 @@ class SharedConnections:
                 if ecu.url is None and not ecu.by_hand and ecu.port == given.port:
                     fd = fd or current_source_needs_fd(*ecu.described_source)
                 self._buses[given.port] = CanBus(given.bus, fd=fd)
+
+        self._lines: dict[str, ModbusLine] = {}
+        for given in config.sensors:
+            registers = registers_of(given.described)
+            if registers is not None:
+                key = modbus_line(given.port)
+                if key not in self._lines:
+                    self._lines[key] = modbus_connection(
+                        given.port, given.line, config.device_rate, rtu=registers.rtu
+                    )
+
+    def modbus(self, port: str | None) -> ModbusLine | None:
+        """The connection at this address with Modbus sensors; None where there is none."""
+        return self._lines.get(modbus_line(port or ""))
 
     def bus(self, port: str) -> CanBus | None:
         """The CAN bus of this name on which there are sensors; None where there is none."""

@@ -1,0 +1,295 @@
+"""A simulated data-acquisition device: sensors, and an analogue output, behind one Modbus address.
+
+The samples are the simulated sensors'; here is the device's side of the connection. One request may read the registers
+of several sensors, which are then sampled at the same instant.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from protocols import modbus
+from protocols.binary_format import BinaryFormat, Registers
+from protocols.errors import RemoteProtocolError
+from simulators.output_module import DEVICE_ID, SimulatedOutput
+from simulators.serial_port import SensorPort
+
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS = 1, 2
+SPACES = {
+    modbus.READ_COILS: "coil", modbus.READ_DISCRETE: "discrete", modbus.READ: "holding", modbus.READ_INPUT: "input",
+    modbus.WRITE_COIL: "coil", modbus.WRITE_COILS: "coil", modbus.WRITE_REGISTER: "holding", modbus.WRITE: "holding",
+}  # fmt: skip
+_FIXED_SIZE = 8
+"""Bytes of a request on a serial line whose length does not depend on its content."""
+_TCP_HEAD, _RTU_HEAD, _CRC_SIZE = 9, 3, 2
+
+
+@dataclass
+class _Request:
+    """A read of sensors' registers that waits for their samples."""
+
+    transaction: int
+    unit: int
+    pdu: bytes
+    members: list[BoxPort]
+
+
+class ModbusBox:
+    """One device.
+
+    Args:
+        port: its connection.
+        rtu: Modbus RTU, else Modbus TCP.
+        clocked: the host's clock is the device's: a request that is followed by another one was given up.
+
+    Attributes:
+        output: an analogue output of the same device.
+    """
+
+    def __init__(self, port: SensorPort, *, rtu: bool, clocked: bool) -> None:
+        self.port = port
+        self.output: SimulatedOutput | None = None
+        self._rtu, self._clocked = rtu, clocked
+        self._members: list[BoxPort] = []
+        self._waiting: deque[_Request] = deque()
+        self._held = b""
+        self._frames = modbus.TcpFrames()
+
+    @property
+    def address(self) -> str:
+        """Host and port of a device on TCP."""
+        return self.port.url.partition("://")[2]
+
+    def has_room(self, wanted: Registers) -> bool:
+        """Whether none of these registers belongs to a sensor of this device already."""
+        return not any(_overlap(member.registers, wanted) for member in self._members)
+
+    def add(self, layout: BinaryFormat, registers: Registers) -> BoxPort:
+        """The port of a further sensor."""
+        member = BoxPort(self, layout, registers)
+        self._members.append(member)
+        return member
+
+    def can_host(self, output: SimulatedOutput) -> bool:
+        """Whether the registers of an output are free."""
+        blocks = output.blocks()
+        return not self._rtu and not any(
+            SPACES[member.registers.function] == space and member.registers.unit == DEVICE_ID
+            and member.registers.address < first + count and first < member.registers.end
+            for space, runs in blocks.items() for first, count in runs for member in self._members
+        )
+
+    def hear(self) -> None:
+        """Take the requests that have come: reads of sensors wait for their samples, the others are answered."""
+        for came_ns, data in self.port.heard():
+            try:
+                requests = list(self._rtu_requests(data) if self._rtu else self._tcp_requests(data))
+            except RemoteProtocolError:
+                self._held, self._frames = b"", modbus.TcpFrames()
+                continue
+            for transaction, unit, pdu in requests:
+                members = self._read_by(unit, pdu)
+                if members:
+                    if self._clocked:
+                        self._forget(members)
+                    self._waiting.append(_Request(transaction, unit, pdu, members))
+                    for member in members:
+                        member.requests.append((came_ns, member.request))
+                else:
+                    self._answer(transaction, unit, self._of_output(unit, pdu))
+
+    def flush(self) -> None:
+        """Answer the requests whose samples have been taken."""
+        while self._waiting and all(member.frames for member in self._waiting[0].members):
+            request = self._waiting.popleft()
+            first, count = (int.from_bytes(request.pdu[at : at + 2], "big") for at in (1, 3))
+            data = bytearray(2 * count)
+            damaged = b""
+            for member in request.members:
+                frame, mine = member.frames.popleft(), member.registers
+                content = frame[member.head : member.head + 2 * mine.count]
+                if not frame.startswith(member.sync) or len(content) != 2 * mine.count:
+                    damaged = frame
+                data[2 * (mine.address - first) : 2 * (mine.end - first)] = content
+            if damaged:
+                self.port.write(damaged, len(damaged))
+            else:
+                self._answer(request.transaction, request.unit, bytes([request.pdu[0], 2 * count]) + bytes(data))
+
+    def _forget(self, members: Iterable[BoxPort]) -> None:
+        for request in [one for one in self._waiting if set(one.members) & set(members)]:
+            self._waiting.remove(request)
+            for member in request.members:
+                member.frames.clear()
+
+    def _answer(self, transaction: int, unit: int, pdu: bytes | None) -> None:
+        if pdu is not None:
+            frame = modbus.encode_rtu(unit, pdu) if self._rtu else modbus.encode_tcp(transaction, unit, pdu)
+            self.port.write(frame, len(frame))
+
+    def _read_by(self, unit: int, pdu: bytes) -> list[BoxPort]:
+        """The sensors whose registers a request reads, all of them whole."""
+        if pdu[0] not in {modbus.READ, modbus.READ_INPUT}:
+            return []
+        first, count = (int.from_bytes(pdu[at : at + 2], "big") for at in (1, 3))
+        return [
+            member for member in self._members
+            if (member.registers.unit, member.registers.function) == (unit, pdu[0])
+            and first <= member.registers.address and member.registers.end <= first + count
+        ]
+
+    def _of_output(self, unit: int, pdu: bytes) -> bytes | None:
+        """The answer of the analogue output; an exception where there is none, None for silence."""
+        function, output = pdu[0], self.output
+        if output is None or unit != DEVICE_ID:
+            return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_ADDRESS])
+        if function not in SPACES:
+            return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_FUNCTION])
+        faults = output.server.faults
+        if faults.silent:
+            return None
+        space, address = SPACES[function], int.from_bytes(pdu[1:3], "big")
+        answer = self._access(output, pdu, space, address)
+        if answer is None:
+            return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_ADDRESS])
+        return bytes([answer[0] ^ 1]) + answer[1:] if faults.wrong_function else answer
+
+    @staticmethod
+    def _access(output: SimulatedOutput, pdu: bytes, space: str, address: int) -> bytes | None:
+        function, count = pdu[0], int.from_bytes(pdu[3:5], "big")
+        if function in modbus.BIT_READS:
+            bits = output.bits(space)
+            if not all(at in bits for at in range(address, address + count)):
+                return None
+            packed = sum(bits[address + place] << place for place in range(count)).to_bytes((count + 7) // 8, "little")
+            return bytes([function, len(packed)]) + packed
+        if function in {modbus.READ, modbus.READ_INPUT}:
+            words = output.read(address, count, space)
+            return None if words is None else bytes([function, 2 * count]) + b"".join(
+                word.to_bytes(2, "big") for word in words
+            )
+        if function == modbus.WRITE_COIL:
+            written = [int(pdu[3:5] == b"\xff\x00")]
+        elif function == modbus.WRITE_REGISTER:
+            written = [count]
+        elif function == modbus.WRITE_COILS:
+            written = [pdu[6 + place // 8] >> place % 8 & 1 for place in range(count)]
+        else:
+            written = [int.from_bytes(pdu[6 + 2 * place : 8 + 2 * place], "big") for place in range(count)]
+        return None if output.write(address, written, space) is None else pdu[:5]
+
+    def _tcp_requests(self, data: bytes) -> Iterable[tuple[int, int, bytes]]:
+        self._frames.feed(data)
+        while (frame := self._frames.next()) is not None:
+            yield frame
+
+    def _rtu_requests(self, data: bytes) -> Iterable[tuple[int, int, bytes]]:
+        self._held += data
+        while len(self._held) > 6:
+            size = _FIXED_SIZE if self._held[1] <= modbus.WRITE_REGISTER else 9 + self._held[6]
+            if len(self._held) < size:
+                return
+            frame, self._held = self._held[:size], self._held[size:]
+            unit, pdu = modbus.decode_rtu(frame)
+            yield 0, unit, pdu
+
+
+@dataclass(eq=False)
+class BoxPort:
+    """What one sensor has of its device; a `simulators.serial_port.SensorPort`.
+
+    Attributes:
+        box: the device.
+        layout: the sensor's format.
+        registers: of that format.
+        requests: that have come and are not sampled yet.
+        frames: samples, each as an answer to a request for this sensor alone.
+    """
+
+    box: ModbusBox
+    layout: BinaryFormat
+    registers: Registers
+    requests: list[tuple[int, bytes]] = field(default_factory=list)
+    frames: deque[bytes] = field(default_factory=deque)
+
+    @property
+    def request(self) -> bytes:
+        """What a request for this sensor alone would be."""
+        return self.layout.exchange.request
+
+    @property
+    def sync(self) -> bytes:
+        """How its frames begin."""
+        return self.layout.sync
+
+    @property
+    def head(self) -> int:
+        """Bytes before the registers."""
+        return _RTU_HEAD if self.registers.rtu else _TCP_HEAD
+
+    @property
+    def waits(self) -> bool:
+        """Nothing is dropped: the rig's clock stands until the host has read."""
+        return self.box.port.waits
+
+    @waits.setter
+    def waits(self, value: bool) -> None:
+        self.box.port.waits = value
+
+    @property
+    def url(self) -> str:
+        """What the host opens."""
+        return self.box.port.url
+
+    @property
+    def dropped_frames(self) -> int:
+        """Answers dropped because the host had not read."""
+        return self.box.port.dropped_frames
+
+    @property
+    def unheard_frames(self) -> int:
+        """Answers dropped before any host read."""
+        return self.box.port.unheard_frames
+
+    @property
+    def sent_bytes(self) -> int:
+        """Bytes of answers accepted so far."""
+        return self.box.port.sent_bytes
+
+    @property
+    def read_once(self) -> bool:
+        """Whether a host has ever connected."""
+        return self.box.port.read_once
+
+    def write(self, data: bytes, frame_size: int) -> None:
+        """Take whole samples of `frame_size` bytes; damaged ones are passed on damaged."""
+        if len(data) % frame_size:
+            self.frames.append(data)
+        else:
+            self.frames += (data[at : at + frame_size] for at in range(0, len(data), frame_size))
+        self.box.flush()
+
+    def unread(self) -> int:
+        """Bytes sent and not yet read by the host."""
+        return self.box.port.unread()
+
+    def listen(self) -> None:
+        """Keep what the host sends from now on."""
+        self.box.port.listen()
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """The requests since the last call, each with the monotonic time (ns) it came at."""
+        self.box.hear()
+        requests, self.requests = self.requests, []
+        return requests
+
+    def close(self) -> None:
+        """The device is off: its connection ends for everything behind it."""
+        self.box.port.close()
+
+
+def _overlap(one: Registers, other: Registers) -> bool:
+    same = (one.unit, one.function) == (other.unit, other.function)
+    return same and one.address < other.end and other.address < one.end
