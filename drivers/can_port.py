@@ -77,7 +77,9 @@ class CanPort:
                 # loads python-can and pyserial: only when needed
                 from drivers.slcan_bus import BlockSlcanBus
 
-                self._bus = BlockSlcanBus(self._channel, self._address.bitrate, **self._address.options)
+                self._bus = BlockSlcanBus(
+                    self._channel, self._address.bitrate, device=self.device, **self._address.options
+                )
             else:
                 options = {"fd": True, **self._address.options} if self._fd else dict(self._address.options)
                 self._bus = can.Bus(

@@ -112,6 +112,11 @@ class SerialSensor:
         return self._port.refusal if isinstance(self._port, CanSensorPort) else ("", "")
 
     @property
+    def lost_slug(self) -> str:
+        """The fault that a lost port is, where that is not the sensor's own; "" for the sensor's own."""
+        return "can-busoff" if isinstance(self._port, CanSensorPort) else ""
+
+    @property
     def counters(self) -> SampleCounters:
         """Totals of samples, losses and faults since construction."""
         return self._stream.counters

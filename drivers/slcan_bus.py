@@ -30,6 +30,7 @@ class BlockSlcanBus(slcanBus):
         bitrate: CAN bit rate, bit/s.
         data_bitrate: of the data of CAN FD frames, bit/s; None: the same.
         tty_baudrate: Bd of the serial port; ignored by sockets and USB adapters.
+        device: whose bus it is, for messages.
 
     Attributes:
         malformed: lines that were neither frame nor answer.
@@ -41,7 +42,8 @@ class BlockSlcanBus(slcanBus):
     """
 
     def __init__(
-        self, channel: str, bitrate: int, data_bitrate: int | None = None, tty_baudrate: int = 921_600
+        self, channel: str, bitrate: int, data_bitrate: int | None = None, tty_baudrate: int = 921_600,
+        device: str = "ecu",
     ) -> None:
         if bitrate not in self._BITRATES:
             raise ValueError(f"slcan: unsupported bit rate {bitrate} bit/s; supported: "
@@ -51,7 +53,7 @@ class BlockSlcanBus(slcanBus):
         self._decoder = SlcanDecoder()
         self._errors = 0
         self._ready: deque[can.Message] = deque()
-        self._port = SerialPort(channel, tty_baudrate, device="ecu")
+        self._port = SerialPort(channel, tty_baudrate, device=device)
         self._port.open()
         self.set_bitrate(bitrate, data_bitrate)
         can.BusABC.__init__(self, channel)

@@ -101,8 +101,10 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
     "labjack-t": {
         "description": "LabJack T4, T7, T8 over Modbus TCP: the voltage at AIN0; AINn has the address 2 n",
         "kind": "modbus", "function": "holding", "address": 0, "type": "f32", "unit": "V",
-        # A T7 shows -9999 for an input that is not there or over range.
+        # The widest range is +-11 V (T8; T7: +-10 V; T4: +-10 V or 0 to 2.5 V). -9999 stands for no voltage.
         "valid": [-13.0, 13.0],
+        # AIN0 to AIN7, which every device has, can be read together.
+        "largest_gap": 12,
         "nominal_rate_Hz": 200.0,
     },
     "msc7xxx": {
@@ -142,7 +144,7 @@ DOCUMENTS: Mapping[str, str] = {
     "hbm-clipx": "HBM ClipX manual A04643, framing and the question mark; object number from a user's driver",
     "mantracourt": "Mantracourt DSC user manual, page 50",
     "scaime-scmbus": "Scaime eNod4-F manual NU-Soft-eNod4F-E-0716, 4.4.2 and 9.1.6",
-    "labjack-t": "LabJack T-Series datasheet, 3.1 Modbus map and 14.0 AIN",
+    "labjack-t": "LabJack T-Series datasheet, 3.1 Modbus map and 14.0 AIN; ljm_constants.json",
     "msc7xxx": _MSC_DOCUMENT,
     "msc7xxx-scaled": _MSC_DOCUMENT,
     "optoncdt": "Micro-Epsilon optoNCDT 1420 manual, 7.5.2.1 and 8.2",

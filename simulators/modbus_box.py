@@ -14,7 +14,7 @@ from protocols import modbus
 from protocols.binary_format import BinaryFormat, Registers
 from protocols.errors import RemoteProtocolError
 from simulators.output_module import DEVICE_ID, SimulatedOutput
-from simulators.serial_port import SensorPort
+from simulators.serial_port import SensorPort, SocketPort
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS = 1, 2
 SPACES = {
@@ -56,6 +56,8 @@ class ModbusBox:
         self._waiting: deque[_Request] = deque()
         self._held = b""
         self._frames = modbus.TcpFrames()
+        if isinstance(port, SocketPort):
+            port.on_heard = self.hear  # an output is answered at once, not at the rig's next tick
 
     @property
     def address(self) -> str:

@@ -13,6 +13,7 @@ import socket
 import struct
 import termios
 import tty
+from collections.abc import Callable
 from typing import Protocol
 
 from rig.clock import monotonic_ns
@@ -198,9 +199,14 @@ class PtyPort:
 
 
 class SocketPort:
-    """A listening TCP socket for one host at a time, with 4 KiB of its own in front of a minimal send buffer."""
+    """A listening TCP socket for one host at a time, with 4 KiB of its own in front of a minimal send buffer.
+
+    Attributes:
+        on_heard: called when something has come that is kept.
+    """
 
     def __init__(self) -> None:
+        self.on_heard: Callable[[], None] = lambda: None
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_SEND_BUFFER)
         self._listener.bind(("127.0.0.1", 0))
@@ -278,6 +284,7 @@ class SocketPort:
             gone = not data
             if data and self._heard is not None:
                 self._heard.append((monotonic_ns(), data))
+                self.on_heard()
         except BlockingIOError:
             return
         except OSError:

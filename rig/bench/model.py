@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
-from protocols.descriptions import Problem
 from drivers.connection import modbus_line
+from protocols.descriptions import Problem
 from rig import units
 from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
@@ -180,6 +180,9 @@ class Bench(Section):
                 problems.append(((*place, key), f"is already used by {owners[same, None]}; every sensor requires its "
                     "own port"))
             owners.setdefault((same, reading), name)
+            if self.actuator.url.startswith("modbus-rtu:") and same == modbus_line(self.actuator.url):
+                text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
+                problems.append(((*place, key), text))
             settings = (sensor.bitrate, sensor.interface_options) if sensor.bus is not None else sensor.line
             owner, owners_settings = lines.setdefault(same, (name, settings))
             if reading is not None and owners_settings != settings:

@@ -267,6 +267,7 @@ class Scenario:
             seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True,
             auxiliaries=() if user is None else user.auxiliaries,
             emulated_ecu=DEMO_ECU if user is None else user.emulated_ecu, supply="" if user is None else user.supply,
+            supply_line="" if user is None else user.supply_line,
         )
         rig = SimulatedRig(options, run)
         truth = ScenarioTruth(rig.plant, self.kernel)

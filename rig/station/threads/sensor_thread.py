@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.errors import DriverError
 from drivers.ring import Channel, Record
@@ -178,7 +178,9 @@ class SensorThread(ReadingThread):
                 batch = self._driver.read_batch(request_s)
             except DriverError as error:
                 self.port_lost = str(error)
-                slug = "usb-renumber" if self._driver.moved else self.slug
+                # The bus or adapter is gone, not the sensor; a driver of a plug-in need not tell.
+                lost: str = getattr(self._driver, "lost_slug", "") or self.slug
+                slug = "usb-renumber" if self._driver.moved else lost
                 self._supervisor.report([Finding(slug, self.port_lost, monotonic_ns())])
                 return
             blind_ns = self._listener.returned(request_s, batch.arrival_ns, heard=bool(batch.records))
@@ -278,7 +280,9 @@ class SensorThread(ReadingThread):
         slug = "serial-baud" if garbage else self.slug
         finding = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
         if finding is not None:
-            self._supervisor.report([finding])
+            _, words = self.refusal
+            detail = f"{finding.detail}; {words}" if words and finding.slug == slug else finding.detail
+            self._supervisor.report([replace(finding, detail=detail)])
 
     def fresh(self, now_ns: int) -> bool:
         """The last value is younger than the channel's stale-after, or may be waiting in the port."""

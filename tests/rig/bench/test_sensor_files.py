@@ -172,6 +172,6 @@ def test_the_labjack_page_s_sensors_share_a_device_but_no_register(tmp_path: Pat
     assert loaded.load_cell.sensitivity == 2000.0
     assert loaded.lvdt.sensitivity == pytest.approx(0.01)
     path.write_text(others + sensors.replace("address = 2", "address = 0"), encoding="utf-8")
-    assert "the same register as load_cell" in refused(path)[0]
+    assert "the same reading as load_cell" in refused(path)[0]
     path.write_text(others + sensors.replace('"labjack-t" ', '"frame16" '), encoding="utf-8")
     assert 'requires a format of kind "modbus"' in refused(path)[0]
