@@ -1,6 +1,6 @@
 """One CAN bus that the current source and sensors share: one bus object, each device with the frames that are its own.
 
-A sensor's handle (`CanSensorPort`) is a port of bytes like `SerialPort`, so that a sensor on CAN is driven as any other.
+A sensor's handle (`CanSensorPort`) is a port of bytes like `SerialPort`: a sensor on CAN is driven as any other is.
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ class CanSensorPort:
         del timeout_s
         for key, content, remote in decode_requests(data):
             if self._frame.source_address is None and self._address is not None and remote and self._frame.by_group:
-                key = from_address(key, self._address)  # noqa: PLW2901 - the sensor's own address is known by now
+                key = from_address(key, self._address)
             self._handle.send(key & ~EXTENDED, content, extended=bool(key & EXTENDED), remote=remote)
 
     def _hears(self, identifier: int, extended: bool) -> bool:

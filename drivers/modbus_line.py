@@ -11,7 +11,6 @@ clock is not the host's (a simulated one at speed) requests are sent ahead on TC
 from __future__ import annotations
 
 from collections import deque
-
 from dataclasses import dataclass, field, replace
 
 from drivers import clock
@@ -338,7 +337,8 @@ class ModbusLine:
             for other in self._under_way if not self._clocked else ():
                 other.sent_ns = arrival_ns  # the device's clock goes on
             code = modbus.refusal(request.pdu, pdu)
-            if code is None and (len(pdu) != 2 + 2 * block.count or pdu[:2] != bytes([block.function, 2 * block.count])):
+            head, size = bytes([block.function, 2 * block.count]), 2 + 2 * block.count
+            if code is None and (len(pdu) != size or not pdu.startswith(head)):
                 for sensor in block.sensors:
                     sensor.bad_frames += 1
                 return

@@ -95,13 +95,12 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     if described.exchange.request:
         rate_Hz = min(rate_Hz, described.nominal_rate_Hz or REQUEST_RATE_Hz)
         burst_s = min(burst_s, BURST_SHARE / rate_Hz)
-    if isinstance(described, BinaryFormat) and described.registers is not None:
-        latency_s = 0.0  # its answer is a part of the exchange
-    else:
-        latency_s = options.latency_s
+    # What a Modbus register's answer takes is a part of the exchange.
+    polled = isinstance(described, BinaryFormat) and described.registers is not None
     return replace(
-        options, format=described, described=given, latency_s=latency_s, wire_per_si=per_si, wire_zero=zero, range=range_si * per_si,
-        rate_Hz=rate_Hz, burst_s=burst_s, noise=options.noise * ratio, resolution=options.resolution * ratio,
+        options, format=described, described=given, latency_s=0.0 if polled else options.latency_s,
+        wire_per_si=per_si, wire_zero=zero, range=range_si * per_si, rate_Hz=rate_Hz, burst_s=burst_s,
+        noise=options.noise * ratio, resolution=options.resolution * ratio,
         offset=options.offset * ratio, drift_per_s=options.drift_per_s * ratio, hum=options.hum * ratio,
         crosstalk_per_A=options.crosstalk_per_A * ratio, clip=options.clip * ratio,
     )  # fmt: skip

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
+from rig.errors import FileProblem
 from rig.files.described import NETWORK, with_network_path
 from rig.files.names import NETWORK_ENDINGS, is_dbc
 from rig.files.toml_source import read_toml
-from rig.errors import FileProblem
 from rig.text_file import read_bytes
 
 LARGEST_BYTES = 4 << 20
@@ -82,7 +82,7 @@ def _network(given: object, folder: Path) -> str:
     try:
         inner = read_toml(folder / given).data.get(NETWORK)
     except FileProblem:
-        return ""  # whoever reads the format reports it
+        return ""  # reported where the format is read
     return str(PurePath(given).parent / str(inner)) if is_dbc(inner) else ""
 
 

@@ -251,7 +251,7 @@ class SensorConfig(Settings):
 
     @property
     def reading(self) -> object | None:
-        """What it reads of a connection that sensors can share: its registers or signal; None: it needs its own port."""
+        """What it reads of a connection that sensors can share, its registers or signal; None: not shareable."""
         table = self.described
         if is_can(table):
             made = described_format(table)
@@ -318,7 +318,7 @@ class SensorConfig(Settings):
                 yield ("url",), "the format is a CAN message. Fix: specify interface and channel instead of url"
             for name, example in (("interface", "socketcan"), ("channel", "can0")):
                 if getattr(self, name) is None:
-                    yield (name,), f'is missing; the format is a CAN message. Fix: write, for example, {name} = "{example}"'
+                    yield (name,), f'is missing; the format is a CAN message. Fix: write, such as {name} = "{example}"'
             return
         if self.url is None:
             yield ("url",), 'is missing; write the port of the sensor, such as url = "/dev/ttyUSB0"'

@@ -286,7 +286,8 @@ def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> 
         format=described, described="" if own else sensor.format, range=full, noise=usual.noise / usual.range * full,
         resolution=usual.resolution / usual.range * full, offset=zero if own else 0.0, wire_zero=0.0 if own else zero,
         reversed=calibration.sign < 0.0, bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, baudrate=sensor.baudrate,
-        serial_number=calibration.serial_number, line=modbus_line(sensor.port), burst_s=min(usual.burst_s, BURST_SHARE * _patience_s(sensor)),
+        serial_number=calibration.serial_number, line=modbus_line(sensor.port),
+        burst_s=min(usual.burst_s, BURST_SHARE * _patience_s(sensor)),
     )  # fmt: skip
 
 

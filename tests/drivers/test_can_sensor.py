@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import can
 import cantools
@@ -11,12 +12,12 @@ import pytest
 
 from drivers.can_bus import CanBus
 from drivers.can_current_source import CanCurrentSource
+from drivers.catalogue import SensorConnection, make_sensor
 from drivers.connection import CanAddress
 from drivers.devices.can_sensor import can_format
 from drivers.devices.dbc_file import DbcText
 from drivers.devices.source import current_source
 from drivers.errors import PortClosed
-from drivers.catalogue import SensorConnection, make_sensor
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale
 from drivers.serial_sensor import SerialSensor
@@ -56,7 +57,7 @@ def bus_of(name: str = "sensors") -> CanBus:
     return CanBus(CanAddress("virtual", name))
 
 
-def sensor(bus: CanBus, name: str, table: dict[str, object], rate_Hz: float = 100.0) -> SerialSensor:
+def sensor(bus: CanBus, name: str, table: Mapping[str, object], rate_Hz: float = 100.0) -> SerialSensor:
     connection = SensorConnection(
         "virtual:sensors", 0, name, Channel.FORCE, table, SampleScale(rate_Hz=rate_Hz), bus=bus
     )
@@ -66,7 +67,8 @@ def sensor(bus: CanBus, name: str, table: dict[str, object], rate_Hz: float = 10
 
 
 def send(node: can.BusABC, name: str, identifier: int | None = None, **signals: float) -> None:
-    message = cantools.database.load_string(DBC, "dbc").get_message_by_name(name)
+    network: Any = cantools.database.load_string(DBC, "dbc")
+    message = network.get_message_by_name(name)
     number = message.frame_id if identifier is None else identifier
     data = message.encode(signals, strict=False)
     node.send(can.Message(arbitration_id=number, is_extended_id=message.is_extended_frame, data=data))
@@ -147,8 +149,10 @@ def test_a_parameter_group_from_another_address_is_named_with_what_to_write(
     pressure.open()
     own = 2566848278 & 0x1FFF_FFFF
     send(node, "Pressure", own & ~0xFF | 0x21, Oil=150.0)
-    found = values(pressure, 1) if not slug else pressure.read_batch(0.05).records
-    assert found == ([pytest.approx(150.0)] if not slug else [])
+    if slug:
+        assert pressure.read_batch(0.05).records == []
+    else:
+        assert values(pressure, 1) == [pytest.approx(150.0)]
     assert pressure.refusal[0] == slug
     assert ("source_address = 0x21" in pressure.refusal[1]) is bool(slug)
     pressure.close()

@@ -9,6 +9,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pymodbus.constants import ExcCodes
@@ -40,7 +41,7 @@ class Device:
         self.connections = 0
         self.missing = False
         self._loop = asyncio.new_event_loop()
-        self._server: ModbusTcpServer | None = None
+        self._server: Any = None
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         asyncio.run_coroutine_threadsafe(self._open(), self._loop).result(5.0)
@@ -52,9 +53,7 @@ class Device:
             trace_connect=self._connected,
         )
         await self._server.serve_forever(background=True)
-        transport = self._server.transport
-        assert transport is not None
-        self.port = transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]  # an asyncio server
+        self.port = self._server.transport.sockets[0].getsockname()[1]
 
     @property
     def url(self) -> str:
@@ -72,7 +71,8 @@ class Device:
         self.connections += connected
 
     async def _action(
-        self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | None
+        self, function: int, start: int, address: int, count: int, registers: list[int],
+        values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         if values is not None:
             if address == 1000:

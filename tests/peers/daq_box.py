@@ -3,8 +3,8 @@
 It shares no code with the product. What it measures it takes from text lines, as a conditioner sends them; the voltage
 at its output it passes on to a bench supply as SCPI. So a whole campaign can run against it on the simulated rig.
 
-    python daq_box.py FORCE_PORT TRAVEL_PORT SUPPLY_PORT           Modbus: AIN0, AIN1 (V), DAC0 (V), AIN2 (V); prints its port
-    python daq_box.py FORCE_PORT TRAVEL_PORT - CAN_CHANNEL         CAN by udp_multicast: 0x181 force, 0x182 travel
+    python daq_box.py FORCE_PORT TRAVEL_PORT SUPPLY_PORT       Modbus: AIN0, AIN1, DAC0, AIN2 (V); prints its port
+    python daq_box.py FORCE_PORT TRAVEL_PORT - CAN_CHANNEL     CAN by udp_multicast: 0x181 force, 0x182 travel
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import contextlib
 import re
 import struct
 import sys
+from typing import Any
 
 import can
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-NUMBER = re.compile(rb"[+-]?\d+(?:\.\d+)?")
+NUMBER = re.compile(rb"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 AIN, DAC0, SERIAL = (0, 2, 4), 1000, 60028
 NEWTON_PER_V, MM_PER_V, AMPERE_PER_V, MONITOR_A_PER_V = 2000.0, 10.0, 0.4, 0.5
 
@@ -56,10 +57,11 @@ class Box:
             writer.write(b"MEAS:CURR?\n")
             answer = NUMBER.search(await reader.readline())
             self.floats[AIN[2]] = float(answer[0]) / MONITOR_A_PER_V if answer else 0.0
-            await asyncio.sleep(0.004)
+            await asyncio.sleep(0.02)
 
     async def action(
-        self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | None
+        self, function: int, start: int, address: int, count: int, registers: list[int],
+        values: list[int] | list[bool] | None,
     ) -> None:
         """One access of a client."""
         if values is not None:
@@ -80,7 +82,8 @@ async def modbus(box: Box) -> None:
         address=("127.0.0.1", 0),
     )
     await server.serve_forever(background=True)
-    print(server.transport.sockets[0].getsockname()[1], flush=True)  # noqa: T201 - its answer to who started it
+    listener: Any = server.transport
+    print(listener.sockets[0].getsockname()[1], flush=True)  # noqa: T201 - its answer to who started it
     await asyncio.Event().wait()
 
 

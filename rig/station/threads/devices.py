@@ -42,10 +42,10 @@ from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLi
 from rig.station.interlocks.current_interlock import EcuInterlock
 from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
-from rig.station.threads.shared_connections import SharedConnections
 from rig.station.threads.actuator_thread import ActuatorThread
 from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
+from rig.station.threads.shared_connections import SharedConnections
 
 Append = Callable[[list[Record]], None]
 Device = SensorThread | CurrentSourceThread | ActuatorThread

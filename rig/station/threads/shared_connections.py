@@ -5,8 +5,8 @@ from __future__ import annotations
 from drivers.can_bus import CanBus
 from drivers.catalogue import current_source_needs_fd, modbus_connection
 from drivers.connection import modbus_line
-from drivers.sensor_formats import described_format, registers_of
 from drivers.modbus_line import ModbusLine
+from drivers.sensor_formats import described_format, registers_of
 from protocols.binary_format import BinaryFormat
 from rig.bench.settings import StationConfig
 
