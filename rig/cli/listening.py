@@ -90,11 +90,17 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     if captured is not None:
         _refuse_bench(captured)
     log = _can_log(source, options)
-    answer = _can(log, options["dbc"]) if log is not None else _sensor(source, options)
+    on_bus = log is not None and options["given"] is None
+    if log is None:
+        answer = _sensor(source, options)
+    elif on_bus:
+        answer = _can(log, options["dbc"])
+    else:
+        answer = _sensor_on_bus(str(source or captured), log.frames, options)
     if as_json:
         write_json(answer)
     else:
-        say("\n".join(_can_words(answer) if log is not None else _words(answer)))
+        say("\n".join(_can_words(answer) if on_bus else _words(answer)))
     return EXIT_DONE if answer["found"] else EXIT_NOT_ALL_VALID
 
 
@@ -173,6 +179,29 @@ def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
     except DriverError as error:
         raise NothingHeard(with_fix(error)) from error
     return _answer(port, rounds, options["given"], port)
+
+
+def _sensor_on_bus(source: str, frames: list[CanFrame], options: Mapping[str, Any]) -> dict[str, Any]:
+    """What a sensor's message on a bus shows, by its format.
+
+    Raises:
+        FileProblem: the format cannot be used, or is not that of a CAN message.
+    """
+    # loads pyserial: not needed for the help
+    from drivers.sensor_formats import described_format
+    from drivers.sniffing import Heard
+
+    given = options["given"]
+    try:
+        message = getattr(described_format(described("sensor-format", given)), "can", None)
+    except LocalProtocolError as error:
+        raise FileProblem("--format", [str(error)]) from error
+    if message is None:
+        raise FileProblem("--format", [f"{given} is not the format of a CAN message. Fix: specify a format with dbc and "
+            "signal, or with id; see docs/how-to/add-a-sensor-format.md"])  # fmt: skip
+    own = [data for _, identifier, data, extended in frames if message.is_own(identifier, extended=extended)]
+    seconds = frames[-1][0] - frames[0][0] if frames else 0.0
+    return _answer(source, [Heard(0, b"".join(map(message.row, own)), seconds, None)], given, None)
 
 
 def _answer(source: str, rounds: list[Heard], given: str | None, url: str | None) -> dict[str, Any]:

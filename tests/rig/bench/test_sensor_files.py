@@ -175,3 +175,52 @@ def test_the_labjack_page_s_sensors_share_a_device_but_no_register(tmp_path: Pat
     assert "the same reading as load_cell" in refused(path)[0]
     path.write_text(others + sensors.replace('"labjack-t" ', '"frame16" '), encoding="utf-8")
     assert 'requires a format of kind "modbus"' in refused(path)[0]
+
+
+def can_bench(folder: Path, *edits: tuple[str, str]) -> Path:
+    """The example bench with sensors on CAN, beside its DBC file."""
+    text = (EXAMPLES / "can-sensors-bench.toml").read_text(encoding="utf-8")
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    dbc = (EXAMPLES / "can-sensors.dbc").read_text(encoding="utf-8")
+    (folder / "can-sensors.dbc").write_text(dbc, encoding="utf-8")
+    path = folder / "can-bench.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_sensors_on_can_reach_the_station_with_the_text_of_their_dbc(tmp_path: Path) -> None:
+    loaded = Bench.load(can_bench(tmp_path))
+    config = from_json(station_config(loaded, MATRIX, tmp_path / "ring").to_json())
+    made = described_format(config.load_cell.described)
+    assert isinstance(made, BinaryFormat)
+    assert made.can is not None
+    assert (made.unit, made.can.identifier, made.can.protection.modulus) == ("N", 385, 16)
+    assert config.load_cell.port == config.ecu.port == "socketcan:can0"
+    before = loaded.digest
+    keep_bench(tmp_path / "can-bench.toml", tmp_path / "kept" / "bench.toml")
+    assert Bench.load(tmp_path / "kept" / "bench.toml").digest == before
+    dbc = tmp_path / "can-sensors.dbc"
+    dbc.write_text(dbc.read_text(encoding="utf-8").replace("(0.5,0)", "(0.25,0)"), encoding="utf-8")
+    assert Bench.load(tmp_path / "can-bench.toml").digest != before
+
+
+@pytest.mark.parametrize(("edit", "text"), [
+    (("sensitivity = 0.001, ", ""), "the format's unit is mm; write sensitivity = 0.001"),
+    (("LoadCell.Force", "LoadCell.Farce"), "nearest: Force"),
+    (('interface = "socketcan"\nchannel = "can0"\nbitrate = 500000\nformat', 'url = "/dev/ttyUSB9"\nformat'),
+     "specify interface and channel instead of url"),
+    (("bitrate = 500000\nformat", "bitrate = 250000\nformat"), "is shared with [ecu], but bitrate"),
+    (("TravelSensor.Travel", "LoadCell.State"), "no sensor"),
+])  # fmt: skip
+def test_what_a_sensor_on_can_cannot_be_is_refused(tmp_path: Path, edit: tuple[str, str], text: str) -> None:
+    if text == "no sensor":
+        Bench.load(can_bench(tmp_path, edit))  # another signal of a shared message is a reading of its own
+        return
+    assert any(text in problem for problem in refused(can_bench(tmp_path, edit)))
+
+
+def test_one_labjack_gives_force_travel_and_current(tmp_path: Path) -> None:
+    loaded = Bench.load(EXAMPLES / "labjack-bench.toml")
+    assert {loaded.load_cell.port, loaded.lvdt.port, loaded.ecu.port} == {"modbus-tcp://192.168.0.40:502"}
