@@ -121,9 +121,9 @@ class SimulatedOutput:
         self._cells |= cells
         for one in written:
             self._hear(one.name)
-            if self._output.watchdog is not None and one.name in _names(self._output.watchdog.start):
+            if self._output.watchdog is not None and self._states(self._output.watchdog.start, one):
                 self._watching = True
-            if self._output.watchdog is not None and one.name in _names(self._output.watchdog.stop):
+            if self._output.watchdog is not None and self._states(self._output.watchdog.stop, one):
                 self._watching = False
         if {one.name for one in written} & {CURRENT, ENABLE}:
             if self.ecu.fault_bits & SourceFault.RESTARTED and self._target_A() == 0.0:
@@ -195,6 +195,14 @@ class SimulatedOutput:
         for one in faults.quantities:
             if one.name not in {CURRENT, ENABLE, MEASURED}:
                 self._put(cells, one, registers[one.space, one.address])
+
+    def _states(self, recipe: Recipe, written: Quantity) -> bool:
+        """Whether a register holds what a recipe writes there: start and stop may write the same one."""
+        held = {
+            value for step in recipe if isinstance(step, Write) for quantity, value in step.values.items()
+            if quantity == written and not isinstance(value, str)
+        }
+        return any(self._raw(written) == raw_of(written, value) for value in held)
 
     def _raw(self, quantity: Quantity) -> int:
         if quantity.space in BITS:

@@ -197,7 +197,7 @@ def _sensor_on_bus(source: str, frames: list[CanFrame], options: Mapping[str, An
     except LocalProtocolError as error:
         raise FileProblem("--format", [str(error)]) from error
     if message is None:
-        raise FileProblem("--format", [f"{given} is not the format of a CAN message. Fix: specify a format with dbc and "
+        raise FileProblem("--format", [f"{given} is not the format of a CAN message. Fix: use a format with dbc and "
             "signal, or with id; see docs/how-to/add-a-sensor-format.md"])  # fmt: skip
     own = [data for _, identifier, data, extended in frames if message.is_own(identifier, extended=extended)]
     seconds = frames[-1][0] - frames[0][0] if frames else 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from end_states import assert_refused, assert_stopped
 from matrices import ONE_POINT
@@ -21,6 +22,8 @@ CAN = (
     f'dbc = "{EXAMPLES}/can-sensors.dbc"\nsignal = "TravelSensor.Travel"\n',
 )
 MODBUS = 'base = "labjack-t"\n', 'base = "labjack-t"\naddress = 2\n'
+WATCHDOG_S = 2.0 + 0.5
+"""Of labjack-output.toml, and the coil's lag."""
 OUTPUT = ("--supply", str(EXAMPLES / "labjack-output.toml"), "--option", "limits.current_A=2")
 
 
@@ -44,15 +47,28 @@ def test_a_row_of_a_sensor_ends_the_same_on_can(run: Run, tmp_path: Path, fault:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("fault", ["loadcell-pulled", "sensor-stuck", "sensor-saturated"])
+@pytest.mark.parametrize("fault", ["sensor-stuck", "sensor-saturated"])
 def test_a_row_of_a_sensor_ends_the_same_behind_a_shared_connection(run: Run, tmp_path: Path, fault: str) -> None:
     ending = run(
         f"{fault}@{FAULT_S}", simulator=simulator(tmp_path, MODBUS, OUTPUT), matrix=ONE_POINT, speed=1.0,
     )
-    assert_stopped(
-        ending, fault, finished=(), broken="p001", speed=1.0, period_s=PERIOD_S,
-        slug_of_station=None if fault != "loadcell-pulled" else str(ending.answer["stopped_by"]),
+    assert_stopped(ending, fault, finished=(), broken="p001", speed=1.0, period_s=PERIOD_S)
+
+
+@pytest.mark.nightly
+def test_a_lost_device_with_sensors_and_output_stops_the_rig_and_its_watchdog_takes_the_current(
+    run: Run, tmp_path: Path
+) -> None:
+    ending = run(
+        f"loadcell-pulled@{FAULT_S}", simulator=simulator(tmp_path, MODBUS, OUTPUT), matrix=ONE_POINT, speed=1.0,
     )
+    assert ending.exit_code in {4, 7}
+    assert ending.answer["stopped_by"] in {"loadcell-pulled", "lvdt-pulled", "ecu-silent"}
+    assert "shared by load_cell, lvdt and ecu" in ending.output
+    truth = ending.truth
+    lost_s = truth.first("FAULT", text="loadcell-pulled").time_s
+    still = truth.since(lost_s + WATCHDOG_S)
+    assert np.abs(truth.current_A[still]).max() < 0.05
 
 
 @pytest.mark.nightly

@@ -1,4 +1,4 @@
-"""A whole campaign against a data-acquisition device that shares no code with the product (`tests/peers/daq_box.py`)."""
+"""A whole campaign against a data-acquisition device that shares no code with the product (`peers/daq_box.py`)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,8 @@ def test_force_travel_and_current_come_from_one_foreign_device(tmp_path: Path) -
         kept = re.sub(r"\[(?:ecu|load_cell|lvdt)(?:\.calibration)?\][^\[]*|shared = .*\n", "", text)
         (tmp_path / "bench.toml").write_text(kept + own, encoding="utf-8")
         matrix = (ROOT / "examples/quick.toml").read_text(encoding="utf-8")
-        (tmp_path / "slow.toml").write_text(re.sub(r'frequency = .*', 'frequency = ["0.5 Hz"]', matrix), encoding="utf-8")
+        slow = re.sub(r"frequency = .*", 'frequency = ["0.5 Hz"]', matrix)
+        (tmp_path / "slow.toml").write_text(slow, encoding="utf-8")
         done = subprocess.run(
             [sys.executable, "-m", "rig.cli.main", "run", str(tmp_path / "slow.toml"), "--bench",
              str(tmp_path / "bench.toml"), "--no-identify", "--json", "--out", str(tmp_path)],
