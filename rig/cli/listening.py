@@ -15,7 +15,7 @@ from drivers.connection import CanAddress, LineSettings
 from drivers.errors import DriverError
 from drivers.port_causes import with_fix
 from protocols.errors import LocalProtocolError
-from protocols.guess_can import read_candump, summaries
+from protocols.guess_can import CanFrame, read_candump, summaries
 from rig import units
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError
