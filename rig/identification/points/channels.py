@@ -145,13 +145,13 @@ def current_std(point: RecordedPoint, query_s: FloatArray) -> float:
 
 def _first_covariances(centred: FloatArray, most: int) -> FloatArray:
     """Autocovariances of a centred signal (n,) before the first that is not positive, `most` of them at most."""
-    found: list[float] = []
+    covariances: list[float] = []
     for lag in range(most):
         covariance = float(centred[: centred.size - lag] @ centred[lag:]) / centred.size
         if covariance <= 0.0:
             break
-        found.append(covariance)
-    return np.array(found)
+        covariances.append(covariance)
+    return np.array(covariances)
 
 
 def _current_in(point: RecordedPoint, query_s: FloatArray) -> FloatArray:

@@ -79,8 +79,8 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
     both, noise_N = known[:-1] & known[1:], math.nan
     if np.any(both):
         noise_N = repeat_scatter_N(force_N[:-1][both], force_N[1:][both], math.sqrt(2.0))
-    each = count / np.count_nonzero(known)
-    numbers = {"cycles": places.cycles, "groups": places.groups, "phases": places.phases, "each": each}
+    samples = count / np.count_nonzero(known)
+    numbers = {"cycles": places.cycles, "groups": places.groups, "phases": places.phases, "each": samples}
     noise_N = math.hypot(noise_N, test.time_noise_N)
     whole: dict[str, Any] = {name: np.tile(values, places.groups) for name, values in motion.items()}
     return replace(
@@ -88,7 +88,7 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
         force_N=force_N.ravel(), current_A=np.full(force_N.size, float(test.current_A[0])),
         dt_s=test.dt_s * places.period / places.phases, samples_per_cycle=places.phases,
         usable=None if bool(np.all(known)) else known.ravel(), temperature_degC=_temperature_degC(test, places),
-        means=MeanCycles(each, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N),
+        means=MeanCycles(samples, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N),
         warnings=(*test.warnings, say("mean-cycles", samples=test.u_m.size, **numbers)),
     )  # fmt: skip
 

@@ -132,11 +132,11 @@ def describes(
         known = count * _no_misfit(model, values, test, None if motion_N2 is None else motion_N2[index])
         own_N = residual.noise_N if math.isnan(test.sample_noise_N) else test.sample_noise_N
         recorded_N = math.hypot(own_N, test.scatter_N) if math.isnan(test.noise_N) else test.noise_N
-        step, each = test.force_step_N**2 / 12.0, test.recorded_each
-        samples += count * each
-        noise += count * each * max(recorded_N**2, step)
-        beyond += each * (sum_of_squares(error, counting) - count * max(own_N**2, step / each) - known)
-        repeating += each * max(0.0, count * residual.repeating_N**2 - known)
+        step_N2, ratio = test.force_step_N**2 / 12.0, test.recorded_each
+        samples += count * ratio
+        noise += count * ratio * max(recorded_N**2, step_N2)
+        beyond += ratio * (sum_of_squares(error, counting) - count * max(own_N**2, step_N2 / ratio) - known)
+        repeating += ratio * max(0.0, count * residual.repeating_N**2 - known)
         peaks.append(test.peak_force_N)
     if samples == 0.0:
         return None
