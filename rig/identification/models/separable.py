@@ -153,7 +153,8 @@ def solve_separable(
     starts = [] if start is None else [start]
     if not starts:
         every = max(1, sum(test.u_m.size for test in measurements) // THINNED_SAMPLES)
-        thin = TanhProjection(model, measurements, weighting, every=every, without=held)
+        few = full.thin_samples(every)
+        thin = TanhProjection(model, measurements, weighting, every=every, without=held, kept=few)
         top_m_s = max(float(max(np.max(test.v_m_s), -np.min(test.v_m_s))) for test in measurements)
         starts = _starts(thin, model.start_grid(top_m_s))
         cost = thin.evaluations / every

@@ -16,7 +16,7 @@ from rig.dampers.algebraic import AlgebraicSeparation
 from rig.identification import Measurement
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.separable import solve_separable
-from rig.identification.models.tanh_projection import TanhProjection
+from rig.identification.models.tanh_projection import TanhProjection, join, thinned
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -172,3 +172,10 @@ def test_a_fresh_process_loads_only_what_a_fit_needs_and_finds_the_same(
     one = Measurement(**{**dict(zip(CHANNELS, channels, strict=True)), "id": "one", "dt_s": 0.004})
     here = solve_separable([one], model("asymmetric"), Weighting("v"))
     assert ast.literal_eval(printed[0]) == pytest.approx(here.values, rel=1e-6)
+
+
+def test_joined_samples_thinned_are_the_thinned_tests_joined(tests: list[Measurement]) -> None:
+    weighting = Weighting("v")
+    short, whole = join(tests, weighting, 7), thinned(join(tests, weighting), 7)
+    assert whole.ends.tolist() == short.ends.tolist()
+    assert all(np.array_equal(*pair) for pair in zip(whole.arrays, short.arrays, strict=True))
