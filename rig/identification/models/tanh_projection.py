@@ -100,7 +100,8 @@ def thinned(samples: Samples, every: int) -> Samples:
         [np.arange(start, end, every) for start, end in zip(starts.tolist(), samples.ends.tolist(), strict=True)]
     )
     ends = np.cumsum((samples.ends - starts + every - 1) // every)
-    return Samples(*(values[rows] for values in samples.arrays), ends, samples.steady)
+    u, v, a, current, force, weight_squared = (values[rows] for values in samples.arrays)
+    return Samples(u, v, a, current, force, weight_squared, ends, samples.steady)
 
 
 def stream(measurements: Sequence[Measurement], weighting: Weighting) -> Iterator[Samples]:
