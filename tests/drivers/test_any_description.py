@@ -42,7 +42,7 @@ def refused_format(table: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines', 'frames' or 'modbus'"),
+        ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines', 'frames', 'modbus' or 'can'"),
         ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 levels deep"),
         ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
         ({"columns": {"value": 1}, "separator": "é"}, "one ASCII character"),
@@ -66,7 +66,7 @@ def test_a_format_that_nothing_can_be_made_of_is_refused(table: dict[str, Any], 
     ],
 )  # fmt: skip
 def test_a_line_is_ascii_text(table: dict[str, Any]) -> None:
-    assert "is not ASCII" in refused_format(table)
+    assert "is not a character of ASCII" in refused_format(table)
 
 
 def test_a_packed_field_has_64_bits_and_a_packed_frame_256_bytes() -> None:
