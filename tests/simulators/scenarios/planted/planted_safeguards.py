@@ -123,7 +123,10 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
             "            pass\n",
         ),
     ),
-    "pressure-off-at-disarm": (Edit(REQUESTS, '        self._hydraulics({"level": "off"})\n', ""),),
+    "pressure-off-at-disarm": (
+        Edit(REQUESTS, '        self._hydraulics({"level": "off"})\n        self._supervisor.disarm()\n',
+             "        self._supervisor.disarm()\n"),
+    ),
     "heartbeat": (deaf_station("host-stalled"),),
     "own-lateness": (deaf_station("host-late", "host-silent"),),
     "watchdog-fed": (
