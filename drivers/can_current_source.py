@@ -174,8 +174,8 @@ class CanCurrentSource:
             stated, heard = described.source_address, sorted(self._other_addresses)
             group = ""
         elif addresses:
-            number, found = next(iter(addresses.items()))
-            stated, heard = self._stated[number], sorted(found)
+            number, others = next(iter(addresses.items()))
+            stated, heard = self._stated[number], sorted(others)
             group = f"J1939 parameter group 0x{number:05X} ({number})"
         else:
             return ""

@@ -66,14 +66,14 @@ def _of_dbc(table: Table, problems: list[Problem]) -> BinaryFormat | None:
     except LocalProtocolError as error:
         problems.append((("dbc",), str(error)))
         return None
-    found = reading.find(table["signal"], ("signal",))
-    if found is None:
+    chosen = reading.find(table["signal"], ("signal",))
+    if chosen is None:
         problems += ((item.place, item.text) for item in reading.problems)
         return None
-    message = found.message
-    value = _field(reading, found, ("signal",))
+    message = chosen.message
+    value = _field(reading, chosen, ("signal",))
     if value is not None:
-        value = replace(value, **_meaning(reading, found, table, ()))
+        value = replace(value, **_meaning(reading, chosen, table, ()))
     fields = {} if value is None else {"value": value}
     if "status" in table:
         fields |= _status(reading, message, table["status"])
@@ -81,11 +81,11 @@ def _of_dbc(table: Table, problems: list[Problem]) -> BinaryFormat | None:
     if protection.counter is not None:
         counter = _field(reading, Found(message, DbcSignal(protection.counter)), ("protection", "counter"))
         fields |= {} if counter is None else {"sequence": counter}
-    frame = _frame(table, message, protection, found, problems)
+    frame = _frame(table, message, protection, chosen, problems)
     problems += ((item.place, item.text) for item in reading.problems)
     if problems or value is None:
         return None
-    return _format(table, frame, fields, table.get("unit") or found.signal.unit or "N", problems)
+    return _format(table, frame, fields, table.get("unit") or chosen.signal.unit or "N", problems)
 
 
 def _by_hand(table: Table, problems: list[Problem]) -> BinaryFormat | None:
@@ -177,11 +177,11 @@ def _request(table: Table, frame: CanFrame, problems: list[Problem]) -> bytes:
 
 
 def _frame(
-    table: Table, message: DbcMessage, protection: Protection, found: Found | None, problems: list[Problem]
+    table: Table, message: DbcMessage, protection: Protection, chosen: Found | None, problems: list[Problem]
 ) -> CanFrame:
     """The message; J1939 messages are known as those of the ECU are."""
     address = table.get("source_address")
-    by_group = message.any_address or (message.extended and (address is not None or (found is None and message.j1939)))
+    by_group = message.any_address or (message.extended and (address is not None or (chosen is None and message.j1939)))
     if address is not None and not message.extended:
         problems.append((("source_address",), "applies only to a J1939 message, which has a 29-bit identifier"))
     if table.get("j1939") and not message.extended:
@@ -191,7 +191,7 @@ def _frame(
             "into one frame"))
     return CanFrame(
         message.identifier, message.size, message.extended, message.fd, by_group, address, protection,
-        found.given.pages if found is not None else (), message.name,
+        chosen.given.pages if chosen is not None else (), message.name,
     )
 
 
@@ -210,17 +210,17 @@ def _protection(reading: Reading, message: DbcMessage, table: Table) -> Protecti
 def _status(reading: Reading, message: DbcMessage, given: Mapping[str, Any]) -> dict[str, Field]:
     """The signal of the same message that states the condition of the sensor."""
     name = given["signal"].removeprefix(f"{message.name}.")
-    found = reading.signal(message, name, ("status", "signal"))
-    field = None if found is None else _field(reading, found, ("status", "signal"))
-    if found is None or field is None:
+    chosen = reading.signal(message, name, ("status", "signal"))
+    field = None if chosen is None else _field(reading, chosen, ("status", "signal"))
+    if chosen is None or field is None:
         return {}
-    return {"status": replace(field, scale=1.0, offset=0.0, **_meaning(reading, found, given, ("status",)))}
+    return {"status": replace(field, scale=1.0, offset=0.0, **_meaning(reading, chosen, given, ("status",)))}
 
 
-def _meaning(reading: Reading, found: Found, given: Mapping[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
+def _meaning(reading: Reading, chosen: Found, given: Mapping[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
     """The numbers that are no readings: raw numbers, or names of values in the DBC file."""
     made: dict[str, Any] = {
-        key: tuple(sorted(reading.numbers(given[key], found, (*place, key))))
+        key: tuple(sorted(reading.numbers(given[key], chosen, (*place, key))))
         for key in ("overload_values", "fault_values") if key in given
     }
     made |= {key: given[key] for key in ("overload_bits", "fault_bits") if key in given}
@@ -229,9 +229,9 @@ def _meaning(reading: Reading, found: Found, given: Mapping[str, Any], place: tu
     return made
 
 
-def _field(reading: Reading, found: Found, place: tuple[str, ...]) -> Field | None:
+def _field(reading: Reading, chosen: Found, place: tuple[str, ...]) -> Field | None:
     """A signal as a number in the bytes that hold it."""
-    signal, size = found.signal, found.message.size
+    signal, size = chosen.signal, chosen.message.size
     bits = sorted(bit // 8 for bit in signal.bits(size))
     first, last = bits[0], bits[-1]
     count = last - first + 1
