@@ -21,8 +21,8 @@ from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
 from drivers.devices.source import current_source
-from rig.files.described import dbc_text
 from rig.files.descriptions import table_of
+from rig.files.network_text import dbc_text
 from simulators.ecu_wire import Shown
 from simulators.emulated_ecu import EmulatedEcuFiles
 from simulators.slcan_bus import frame_line

@@ -20,7 +20,8 @@ from drivers.devices.source import current_source, preset
 from protocols.can_signals import Signal
 from protocols.errors import RemoteProtocolError
 from protocols.j1939 import from_address
-from rig.files.described import dbc_text, described
+from rig.files.described import described
+from rig.files.network_text import dbc_text
 from simulators.ecu_protection import seal_of
 from simulators.ecu_wire import EXTENDED, Command, Frame, Shown
 

@@ -15,9 +15,9 @@ from protocols.sensor_format import SensorFormat
 from protocols.sensor_presets import TABLES
 from rig import units
 from rig.errors import FileProblem
-from rig.files.described import NETWORK
 from rig.files.described import described as read_description
 from rig.files.names import is_file
+from rig.files.network_text import NETWORK
 from simulators import frame_writer, line_writer
 from simulators.frame_writer import FrameWriter
 from simulators.line_writer import LineWriter

@@ -12,8 +12,8 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from rig.errors import FileProblem
-from rig.files.described import NETWORK, with_network_path
 from rig.files.names import NETWORK_ENDINGS, is_dbc
+from rig.files.network_text import NETWORK, with_network_path
 from rig.files.toml_source import read_toml
 from rig.text_file import read_bytes
 

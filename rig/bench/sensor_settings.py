@@ -19,8 +19,9 @@ from protocols.near_miss import near_names
 from protocols.sensor_format import modbus_framing, modbus_request
 from rig import units
 from rig.bench import address
-from rig.files.described import NETWORK, DescribedBy, described
+from rig.files.described import DescribedBy, described
 from rig.files.names import is_file
+from rig.files.network_text import NETWORK
 from rig.files.quantity import Check, Quantity, Settings, Text, Wording, key
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).

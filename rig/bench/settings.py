@@ -42,8 +42,9 @@ from rig.bench.sensor_settings import (
     Timeout,
 )
 from rig.bench.supply_settings import supply_problems_of
-from rig.files.described import DescribedBy, dbc_text, described
+from rig.files.described import DescribedBy, described
 from rig.files.names import is_dbc
+from rig.files.network_text import dbc_text
 from rig.files.quantity import Check, Quantity, Settings, Text, key
 
 ECU_STATUS_Hz = 100.0

@@ -19,7 +19,8 @@ from protocols.guess_can import CanFrame, read_candump, summaries
 from rig import units
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError
-from rig.files.described import LARGEST_NETWORK_BYTES, dbc_text, described
+from rig.files.described import described
+from rig.files.network_text import LARGEST_NETWORK_BYTES, dbc_text
 
 if TYPE_CHECKING:
     from drivers.sniffing import Heard, Match

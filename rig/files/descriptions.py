@@ -17,10 +17,10 @@ from drivers.register_maps.map_file import map_problems
 from drivers.sensor_formats import format_problems
 from protocols.descriptions import Problem
 from rig.errors import FileProblem
-from rig.files.described import NETWORK, with_network_path, with_network_text
 from rig.files.ecu_roles import RolesFile
 from rig.files.loader import lines_of, validated
 from rig.files.names import is_file
+from rig.files.network_text import NETWORK, with_network_path, with_network_text
 from rig.files.register_map import RegisterMapFile
 from rig.files.section import Section
 from rig.files.sensor_format import model_of as sensor_format_model

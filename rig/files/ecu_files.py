@@ -12,10 +12,11 @@ from drivers.devices.source import source_problems
 from protocols.descriptions import Problem
 from protocols.errors import LocalProtocolError
 from rig.errors import FileProblem
-from rig.files.described import dbc_text, described
+from rig.files.described import described
 from rig.files.descriptions import entry_problems
 from rig.files.loader import lines_of
 from rig.files.names import is_file
+from rig.files.network_text import dbc_text
 from rig.files.toml_source import read_toml
 
 

@@ -14,9 +14,9 @@ from drivers.devices.ecu_roles import describe
 from drivers.devices.source import current_source, source_problems
 from drivers.roles import UNNAMED
 from rig.errors import FileProblem
-from rig.files.described import dbc_text
 from rig.files.descriptions import entry_problems, problems_of
 from rig.files.ecu_files import ecu_problems
+from rig.files.network_text import dbc_text
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DBC = (EXAMPLES / "coil-driver.dbc").read_text(encoding="utf-8")

@@ -129,5 +129,5 @@ def test_the_schema_has_both_kinds_and_every_field() -> None:
     lines, frames = schema["LineFormatFile"], schema["FrameFormatFile"]
     assert {"pattern", "decimal_mark", "checksum_over"} <= lines["properties"].keys()
     assert frames["properties"]["fields"]["$ref"].endswith("Fields")
-    assert schema["Fields"]["properties"].keys() == {"value", "status", "sequence", "time"}
+    assert schema["Fields"]["properties"].keys() == {"value", "status", "sequence", "time", "decimals"}
     assert lines["properties"]["decimal_mark"]["enum"] == [".", ","]
