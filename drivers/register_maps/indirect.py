@@ -126,5 +126,5 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
     if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + shown > LAST_ADDRESS + 1:
         table.add(None, f"the {max(count, shown)} registers of this table extend beyond the last register, 65535")
     if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in result.addresses):
-        table.add("pointer_offset", "an entry of the pointer table would not be a 16-bit number")
+        table.add("pointer_offset", "an entry of the pointer table does not fit into 16 bits")
     return result

@@ -396,7 +396,7 @@ def _other_frames(answer: Mapping[str, Any]) -> list[str]:
     ]
     lines += [f"error frames: {count} ({text})" for text, count in answer["error_frames"].items()]
     if answer["error_frames"]:
-        lines.append("  Fix: check the bit rate (of CAN FD, also that of the data), the termination and the cable")
+        lines.append("  Fix: check the bit rate (for CAN FD, also the data bit rate), the termination and the cable")
     if answer["other_lines"]:
         lines.append(f"lines that are not frames: {answer['other_lines']}")
     return lines

@@ -102,7 +102,7 @@ def _check_pixels(data: bytes, least: int, most: int) -> None:
     except zlib.error as error:
         raise ValueError(f"the PNG file is damaged: {error}. Fix: save the logo again") from error
     if not unpacking.eof or len(pixels) < least:
-        raise ValueError("the PNG file does not contain the pixels that its header states. Fix: save the logo again")
+        raise ValueError("the PNG file does not contain as many pixels as its header states. Fix: save the logo again")
 
 
 def _checked_svg(content: bytes) -> float:
