@@ -66,8 +66,8 @@ def _improvement(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
         f"Paper 2: the mean absolute error of the novel GA is {NOVEL_GA_IMPROVEMENT_PERCENT} % below that of the "
         f"standard GA. In this study, it is {abs(gain):.3g} % {'below' if gain >= 0.0 else 'above'}, and it is lower "
         f'at {wins} of {len(shared)} currents. Mean absolute errors: {ordered}. The paper set its search box "after '
-        'two or three trails" [sic] for its own damper; it does not state whether the other methods used the same box. In '
-        "this study, all genetic algorithms use the same search box.",
+        'two or three trails" [sic] for its own damper; it does not state whether the other methods used the same box. '
+        "In this study, all genetic algorithms use the same search box.",
     )  # fmt: skip
 
 
