@@ -94,7 +94,8 @@ class Kept:
 
 
 def listed(
-    folder: Path, summarise: Callable[[Path], Summary], run_filter: RunFilter, last: int | None = None
+    folder: Path, summarise: Callable[[Path], Summary], run_filter: RunFilter, last: int | None = None,
+    report_progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> list[Summary]:
     """Summaries of the runs in a folder, by name.
 
@@ -105,6 +106,7 @@ def listed(
             JSON can hold.
         run_filter: which of them.
         last: how many at most, from the end; None: all.
+        report_progress: is given how many runs have been looked at, and how many there are, after each summary.
 
     Raises:
         FileProblem: there is no such folder, or it cannot be read.
@@ -117,26 +119,29 @@ def listed(
     runs: list[Summary] = []
     changed: dict[str, Kept] = {}
     gone = known.keys() - present.keys()
-    for name in reversed(present):
-        kept, (own, own_ns) = known.get(name), present[name]
-        same = kept is not None and kept.own == own
-        if same and kept is not None and not run_filter.may_hold(kept.specimen, kept.started, kept.model):
-            continue
-        points, newest_ns = _points_stamp(f"{root}/{name}/{CampaignFolder.points}")
-        if same and kept is not None and kept.points == points:
-            summary = json.loads(kept.summary)
-        else:
-            summary = summarise(folder / name)
-            if max(newest_ns, own_ns) + SETTLED_NS < now_ns and name.isprintable():
-                changed[name] = _row(own, points, summary)
-            elif kept is not None:
-                gone.add(name)
-        if run_filter.holds(summary):
-            runs.append(summary)
-        if len(runs) == last:
-            break
-    if changed or gone:
-        _keep(folder / NAME, changed, gone)
+    try:
+        for place, name in enumerate(reversed(present), 1):
+            kept, (own, own_ns) = known.get(name), present[name]
+            same = kept is not None and kept.own == own
+            if same and kept is not None and not run_filter.may_hold(kept.specimen, kept.started, kept.model):
+                continue
+            points, newest_ns = _points_stamp(f"{root}/{name}/{CampaignFolder.points}")
+            if same and kept is not None and kept.points == points:
+                summary = json.loads(kept.summary)
+            else:
+                summary = summarise(folder / name)
+                if max(newest_ns, own_ns) + SETTLED_NS < now_ns and name.isprintable():
+                    changed[name] = _row(own, points, summary)
+                elif kept is not None:
+                    gone.add(name)
+                report_progress(place, len(present))
+            if run_filter.holds(summary):
+                runs.append(summary)
+            if len(runs) == last:
+                break
+    finally:  # Ctrl-C in a first listing of thousands of runs loses none of their summaries
+        if changed or gone:
+            _keep(folder / NAME, changed, gone)
     return runs[::-1]
 
 

@@ -67,6 +67,19 @@ def test_what_has_not_changed_is_not_read_again(folder: Path) -> None:
     assert checked(folder) == []
 
 
+def test_a_listing_that_is_interrupted_keeps_what_it_has_read(folder: Path) -> None:
+    looked_at: list[tuple[int, int]] = []
+
+    def interrupt(done: int, total: int) -> None:
+        looked_at.append((done, total))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        listed(folder, Reader(), ANY, None, interrupt)
+    assert looked_at == [(1, 2)]
+    assert checked(folder) == ["r0"]  # r1, the newest, was read before
+
+
 def same_size_and_time(path: Path) -> None:
     state = path.stat()
     path.write_text(path.read_text().replace("valid", "inval"))
