@@ -1,7 +1,9 @@
-"""The pictures in README.md, of a campaign on the simulated rig: `python3 dev.py pictures` (4 minutes; wants Chromium).
+"""Take the pictures in README.md from a campaign on the simulated rig: `python3 dev.py pictures` (4 minutes; requires
+Chromium).
 
-`examples/table1.toml` is run twice as fast as life; the page is taken while it runs; at its end, the first screen
-of the report, the two printed pages for a customer, and the page of the bench with a plan.
+`examples/table1.toml` runs at twice real time. The operator's page is captured during the run. After the run, the
+script captures the first screen of the report, the two printed pages for a customer, and the page of the bench with a
+plan.
 """
 
 from __future__ import annotations
@@ -93,9 +95,8 @@ def take_bench(browser: Browser, runs: Path, out: Path) -> None:
         page.wait_for_selector("#plan table", timeout=WAIT_MS)
         page.locator("#serial").fill("MR-002")
         page.mouse.move(0, 0)
-        page.evaluate("document.querySelector('footer').hidden = true")  # folders and address of this computer
-        keep(page.screenshot(), out / "page-bench.png")
-        page.close()
+        page.evaluate("document.querySelector('footer').hidden = true") # it shows folders and the address of this
+        computer keep(page.screenshot(), out / "page-bench.png") page.close()
     finally:
         process.terminate()
         process.communicate()
@@ -126,7 +127,7 @@ def take_paper(campaign: Path, out: Path) -> None:
 
 
 def keep(picture: bytes, path: Path, scale: float = 1.0) -> None:
-    """As a PNG of few colours: half of the size without a visible difference."""
+    """Save a PNG with few colours: half the size without a visible difference."""
     image = Image.open(io.BytesIO(picture)).convert("RGB")
     if scale != 1.0:
         image = image.resize((round(scale * image.width), round(scale * image.height)), Image.Resampling.LANCZOS)
