@@ -95,8 +95,9 @@ def take_bench(browser: Browser, runs: Path, out: Path) -> None:
         page.wait_for_selector("#plan table", timeout=WAIT_MS)
         page.locator("#serial").fill("MR-002")
         page.mouse.move(0, 0)
-        page.evaluate("document.querySelector('footer').hidden = true") # it shows folders and the address of this
-        computer keep(page.screenshot(), out / "page-bench.png") page.close()
+        page.evaluate("document.querySelector('footer').hidden = true")  # folders and the address of this computer
+        keep(page.screenshot(), out / "page-bench.png")
+        page.close()
     finally:
         process.terminate()
         process.communicate()

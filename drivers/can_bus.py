@@ -180,8 +180,8 @@ class CanSensorPort:
         if others and not self._heard:
             stated = source_address(frame.identifier) if frame.source_address is None else frame.source_address
             return "no-answer", (
-                f"the {group} is received from source address {shown}, but the sensor is described with the address "
-                f"0x{stated:02X}. Fix: write source_address = 0x{others[0]:02X} in its format"
+                f"{group}: received from source address {shown}, expected 0x{stated:02X}. Fix: write source_address = "
+                f"0x{others[0]:02X} in the sensor's format"
             )
         if others and frame.by_group and frame.source_address is None and self._address is not None:
             return "can-foreign", (
@@ -191,7 +191,7 @@ class CanSensorPort:
         if self._sizes and not self._heard:
             sizes = ", ".join(map(str, sorted(self._sizes)))
             return "serial-baud", (
-                f"frames of CAN message {frame.shown} have {sizes} data bytes, but {frame.size} were expected. Fix: "
+                f"frames of CAN message {frame.shown} have {sizes} data bytes, expected {frame.size}. Fix: "
                 "check the DBC file or the length in the sensor's format"
             )
         return "", ""

@@ -85,8 +85,8 @@ class Capabilities:
             ),
             "unpowered-watchdog": (
                 self.watchdog_tested == "off", "the watchdog works only under pressure (or power), so it is tested "
-                f"there: at level \"{self.watchdog_tested}\", at rest and at 0 A. Until the end of this test, only "
-                "this host can switch the pressure off"
+                f"under pressure: level \"{self.watchdog_tested}\", at rest and at 0 A. Until the end of this test, "
+                "only this host can switch the pressure off"
             ),
             "hydraulics": (self.hydraulics, "the pressure cannot be switched off from this host; after a stop the "
                 "actuator holds its position"),

@@ -39,9 +39,9 @@ LOOK_NS = 5_000_000
 """While nothing is under way, the line looks so often for requests of the output."""
 SPACES = {number: name for name, number in FUNCTIONS.items()}
 MEANT = {
-    1: "the device does not know this function. Fix: check function (holding or input)",
+    1: "the device does not support this function. Fix: check function (holding or input)",
     2: "the device has no such register. Fix: check address, first_address and type in the sensor's format",
-    3: "the device refuses the number of registers. Fix: check type in the sensor's format",
+    3: "the device rejects the number of registers. Fix: check type in the sensor's format",
     4: "the device reports a failure. Fix: check the device",
     6: "the device is busy. Fix: read it less often (rate)",
     10: "the gateway cannot reach the device. Fix: check device_id and the gateway",
@@ -445,8 +445,8 @@ class ModbusSensor:
         name = modbus.EXCEPTION_NAMES.get(code, "unknown")
         meant = MEANT.get(code, "Fix: see the manual of the device")
         return "modbus-reject", (
-            f"unit {mine.unit} answers the read of {SPACES[mine.function]} {shown} with exception {code} ({name}): "
-            f"{meant}"
+            f"unit {mine.unit} answered the request to read {SPACES[mine.function]} {shown} with exception {code} "
+            f"({name}): {meant}"
         )
 
     def open(self) -> None:

@@ -162,7 +162,7 @@ class SharedConnection(Generic[T]):
     def _open_first(self, user: str) -> None:
         now_ns = clock.monotonic_ns()
         if self._failed is not None and self._failed[1] != user and now_ns - self._failed[0] < KNOWN_NS:
-            text = f"shares the connection of {self._failed[1]}, which cannot be opened"
+            text = f"uses the same connection as {self._failed[1]}, which cannot be opened"
             raise SharedConnectionClosed(user, self.name, text)
         try:
             self._open_port()

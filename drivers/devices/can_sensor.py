@@ -55,7 +55,7 @@ def _of_dbc(table: Table, problems: list[Problem]) -> BinaryFormat | None:
     """A signal of a message of a DBC file."""
     for key in ("id", "length", "extended", "order", "fields", "checksum", "checksum_at", "checksum_over", "j1939"):
         if key in table:
-            problems.append(((key,), "the DBC file defines this; cannot be combined with dbc"))
+            problems.append(((key,), "cannot be combined with dbc, because the DBC file defines this"))
     if "signal" not in table:
         problems.append(((), 'key \'signal\' is missing; write the signal, such as signal = "Message.signal"'))
     if problems:
@@ -113,7 +113,7 @@ def _by_hand(table: Table, problems: list[Problem]) -> BinaryFormat | None:
     size = table["length"]
     if size not in _FD_SIZES:
         sizes = ", ".join(map(str, _FD_SIZES))
-        problems.append((("length",), f"must be a length of a CAN (at most 8) or CAN FD frame: {sizes}"))
+        problems.append((("length",), f"must be the length of a CAN frame (at most 8) or CAN FD frame: {sizes}"))
         return None
     message = DbcMessage(
         "", table["id"], extended, size > CLASSIC_BYTES, size, {}, 0.0, 0, j1939=extended and table.get("j1939", False)
@@ -168,7 +168,7 @@ def _request(table: Table, frame: CanFrame, problems: list[Problem]) -> bytes:
             problems.append((("request",), "CAN FD has no remote frames. Fix: write the identifier and data of a "
                 "request, such as request = {id = 0x080, data = []}"))
         if frame.by_group and frame.source_address is None:
-            problems.append((("request",), "a remote frame needs the whole identifier. Fix: specify source_address"))
+            problems.append((("request",), "a remote frame needs the complete identifier. Fix: specify source_address"))
         address = frame.source_address
         key = frame.key if address is None else frame.key & ~0xFF | address
         return encode_request(key, bytes(frame.size), remote=True)

@@ -176,7 +176,7 @@ class Reading:
             factor, offset = 1.0, 0.0
         else:
             if table.keys() & set(SCALING) and "unit" not in table:
-                self.wrong(place, f"{signal.name} has a scale here, so its unit after scaling must be stated too. Fix: "
+                self.wrong(place, f"this role scales {signal.name}, so the unit after scaling must be specified. Fix: "
                     f"unit = \"{units[0]}\"")
                 return None
             text = f"is in {unit!r}" if unit else "has no unit in the DBC file"

@@ -117,7 +117,7 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
             table.add("quantities", f"{name!r} is not a register")
         elif quantity.places and by_value:
             table.add("quantities", f"{name!r} has registers at {' and '.join(map(str, quantity.cells))}, which a "
-                'single pointer cannot name. Fix: pointer_for = "register"')
+                'single pointer cannot address. Fix: pointer_for = "register"')
         else:
             listed.append(quantity)
     width = table.get("pointer_registers", 1)

@@ -113,11 +113,11 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     words = 1 if bits else TYPES[kind][1]
     if len(cells) > 1 and (len(cells) != words or len(set(cells)) < words or "count" in entry):
         entry.add("address", f"a value of type {kind} in separate registers requires {words or 'no list of'} different "
-            "addresses, the one of the highest word first, and no count")
+            "addresses, highest word first, and no count")
         return None
     if len(cells) > 1 and "word_order" in entry:
-        entry.add("word_order", "contradicts the list of addresses, which states the order: the highest word comes "
-            "first. Fix: remove word_order")
+        entry.add("word_order", "contradicts the list of addresses, which starts with the highest word. Fix: remove "
+            "word_order")
     if kind == "bit" and not bits:
         if bit is None:
             entry.add("type", "type 'bit' applies only to a coil or a discrete input. Fix: for a bit of a "
@@ -164,7 +164,7 @@ def _check(quantity: Quantity, entry: Table) -> None:
     if quantity.written and quantity.space in READ_ONLY:
         entry.add("access", f'{quantity.space} registers cannot be written. Fix: access = "r"')
     if quantity.bit is not None and quantity.written and not quantity.read and quantity.write_function != MASK_WRITE:
-        entry.add("access", "a bit is written into its register, whose other bits are read first. Fix: access = "
+        entry.add("access", "to write a bit, the program must first read the other bits of its register. Fix: access = "
             f'"rw", or write_function = {MASK_WRITE} if the device supports mask writes, or describe the whole '
             "register")
     if quantity.bit is not None and not quantity.whole:

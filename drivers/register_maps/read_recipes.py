@@ -120,8 +120,8 @@ class Recipes:
         holding = all(one.space == HOLDING and one.write_function == 16 for one in (first, last, *inside))
         bits = any(one.bit is not None for one in inside)
         if bits:
-            step.add("span", "writes whole registers, but this step writes single bits. Fix: write the bits in a step "
-                "of their own")
+            step.add("span", "writes whole registers, but this step writes single bits. Fix: write the bits in a "
+                "separate step")
             return None
         if not (holding and fits and 0 < span[1] - span[0] + 1 <= LONGEST_SPAN):
             step.add(
@@ -204,7 +204,7 @@ def read_setpoint(table: Table, recipes: Recipes) -> Recipe:
                     if not isinstance(step, Write))  # fmt: skip
     if longest_s > LONGEST_SETPOINT_S:
         table.add(None, f"the waits and pauses of a set-point take up to {1e3 * longest_s:g} ms; allowed: "
-            f"{1e3 * LONGEST_SETPOINT_S:g} ms in all, because a stop may have to wait for them")
+            f"{1e3 * LONGEST_SETPOINT_S:g} ms in total, because a stop may have to wait for them")
     return steps
 
 

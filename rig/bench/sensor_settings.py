@@ -185,17 +185,17 @@ class SensorConfig(Settings):
 
     url: Annotated[str, Text(256), Check(address.serial_url)] | None = field(
         default=None, metadata=key(
-            examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"], description="port of the sensor; of a sensor on "
-                "CAN: interface and channel instead"
+            examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"], description="port of the sensor; a sensor on CAN "
+                "has interface and channel instead"
         )
     )
     interface: Annotated[str, Text(256), Check(address.can_interface)] | None = field(
-        default=None, metadata=key(examples=["socketcan"], description="sensor on CAN only; the same bus as in [ecu] "
-            "is shared")
+        default=None, metadata=key(examples=["socketcan"], description="for a sensor on CAN only; can be the "
+            "bus of the ECU")
     )
-    channel: Name | None = field(default=None, metadata=key(examples=["can0"], description="sensor on CAN only"))
+    channel: Name | None = field(default=None, metadata=key(examples=["can0"], description="for a sensor on CAN only"))
     bitrate: int = field(
-        default=500_000, metadata=key(ge=10_000, le=1_000_000, description="sensor on CAN only")
+        default=500_000, metadata=key(ge=10_000, le=1_000_000, description="for a sensor on CAN only")
     )
     interface_options: dict[str, str | int | float | bool] = field(
         default_factory=dict, metadata=key(description="further arguments for the CAN interface, named as in "
@@ -319,7 +319,7 @@ class SensorConfig(Settings):
                 yield ("url",), "the format is a CAN message. Fix: specify interface and channel instead of url"
             for name, example in (("interface", "socketcan"), ("channel", "can0")):
                 if getattr(self, name) is None:
-                    yield (name,), f'is missing; the format is a CAN message. Fix: write, such as {name} = "{example}"'
+                    yield (name,), f'is missing; the format is a CAN message. Fix: add it, such as {name} = "{example}"'
             return
         if self.url is None:
             yield ("url",), 'is missing; write the port of the sensor, such as url = "/dev/ttyUSB0"'

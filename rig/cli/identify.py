@@ -137,8 +137,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option(
     "--each", is_flag=True,
-    help="Fit each run separately and write a fit.json to each, instead of one fit of all runs; the runs are fitted in "
-         "parallel.",
+    help="Fit each run separately, in parallel, and write a fit.json to each run. By default, one fit is made of all "
+         "runs.",
 )  # fmt: skip
 @scheduler_option
 @json_option
@@ -248,7 +248,7 @@ def _each(
                 where = replace(options, workers=workers)
                 fits = identify_each(runs, where, suspect=suspect, finished=finished)
         except (KeyboardInterrupt, WorkersFailed) as stop:
-            kept = f"{len(ended)} of {len(runs)} runs are fitted and their fit.json files are kept"
+            kept = f"{len(ended)} of {len(runs)} runs were fitted; their fit.json files are kept"
             raise type(stop)(f"{stop}\n{kept}" if str(stop) else kept) from stop
     failed = sum(1 for fit in fits if fit.error)
     if as_json:

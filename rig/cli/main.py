@@ -257,7 +257,7 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
         if _moves(arguments):
             return _of_defect(error, arguments, as_json=as_json)
         details = f" ({error})" if str(error) else ""
-        text = f"there is not enough memory for this command{details}. Fix: {MORE_MEMORY}"
+        text = f"not enough memory for this command{details}. Fix: {MORE_MEMORY}"
         return _ended(f"rig: {text}", {"error": text, "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
     except Exception as error:  # noqa: BLE001 - a traceback helps its reader only; it goes into a file for them
         return _of_defect(error, arguments, as_json=as_json)

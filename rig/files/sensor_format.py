@@ -212,7 +212,7 @@ class _Checksum(DescriptionTable):
     """The checksum of a frame of bytes."""
 
     checksum: Literal[FRAME_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="checksum (default none)"
+        None, description="checksum (default: none)"
     )
     checksum_at: Byte | None = Field(None, description="first byte of the checksum, counted from 0 (default: "
         "directly before the end)")

@@ -119,7 +119,7 @@ def _address_in(file: Path) -> str:
     content = read_json(file)
     address = content.get("address")
     if not isinstance(address, str):
-        raise FileProblem(str(file), ["not a scheduler file: it has no text `address`. Fix: write it with `dask "
+        raise FileProblem(str(file), ["not a scheduler file: it has no string `address`. Fix: write it with `dask "
                                       "scheduler --scheduler-file FILE`"])  # fmt: skip
     return address
 
@@ -364,7 +364,7 @@ def _refuse_other(who: str, answer: object, expected: Mapping[str, str]) -> None
     """
     if not isinstance(answer, Mapping):
         raise RigError(
-            f"{who}: this software is not installed there, or in another version ({answer!r}); expected mr-damper-rig "
+            f"{who}: this software is not installed there, or its version differs ({answer!r}); expected mr-damper-rig "
             f"{expected['mr-damper-rig']}. Fix: install the same version on the scheduler and on all workers"
         )
     for name, version in expected.items():

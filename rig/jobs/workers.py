@@ -280,7 +280,7 @@ def _count_deaths(jobs: Sequence[Job[Any]], deaths: Counter[int], error: BaseExc
 def given_up(name: str, deaths: int) -> str:
     """The message on a job during which so many worker processes ended."""
     return (
-        f"{name}: {deaths} worker processes ended while they ran this job, expected a result (out of memory?). "
+        f"{name}: {deaths} worker processes ended while running this job (out of memory?). "
         "Fix: check the memory of the worker, or use fewer worker processes"
     )
 

@@ -163,7 +163,7 @@ def test_a_lost_connection_is_lost_for_all_and_names_all_of_them(device: Device)
             until(lambda one=driver: one.read_batch(0.05) is None)  # type: ignore[misc]  # never None: it raises
     with pytest.raises(PortClosed, match="refused"):
         force.open()
-    with pytest.raises(SharedConnectionClosed, match="shares the connection of load_cell"):
+    with pytest.raises(SharedConnectionClosed, match="uses the same connection as load_cell"):
         travel.open()
 
 
