@@ -4,7 +4,7 @@
     python benchmarks/growth.py --only report --only runs
     python benchmarks/growth.py --against FOLDER         also another checkout, in turns, on the same machine
     python benchmarks/growth.py --largest                the sizes that take minutes and gigabytes, too
-    python benchmarks/growth.py --write                  put the table into docs/benchmarks.md
+    python benchmarks/growth.py --write                  write the table to docs/benchmarks.md
 
 Each size is one command in a process of its own; its CPU time and largest resident memory are those that the kernel
 counted for it. The smallest size tells what the command takes whatever it is about, and is taken off the others: the
@@ -303,7 +303,7 @@ WORKS = (
     Work("`rig identify`, models on 20 points", "models", (1, 5, 18),
          lambda lab, n: ["-c", RIG, "identify", str(lab.run(20)),
                          f"--model={ {1: 'asymmetric', 5: 'few', 18: 'all'}[n]}"],
-         remark="the models differ: those with states are integrated"),
+         remark="the models differ; those with states are integrated"),
     Work("`rig report`, points", "points", (4, 20, 200), report_of, (2_000,),
          lambda lab, n: lab.made[f"report-{n}"]),
     Work("`rig report` again, points", "points", (4, 20, 200), report_again, (2_000,)),
@@ -317,15 +317,15 @@ WORKS = (
                          f"--bench={ROOT / 'examples' / 'demo-bench.toml'}"]),
     Work("`rig runs --json` without its index", "runs", (10, 100, 500),
          lambda lab, n: ["-c", RIG, "runs", f"--in={indexed(lab, n, again=False)}", "--json"], (10_000,),
-         remark="once; five points each are opened"),
+         remark="first use; five points of each run are opened"),
     Work("`rig runs --json`", "runs", (10, 100, 1_000, 10_000),
          lambda lab, n: ["-c", RIG, "runs", f"--in={indexed(lab, n)}", "--json"]),
     Work("`rig runs`", "runs", (10, 100, 1_000, 10_000), lambda lab, n: ["-c", RIG, "runs", f"--in={indexed(lab, n)}"]),
-    Work("name of the last run", "runs", (10, 100, 1_000, 10_000),
+    Work("path of the last run", "runs", (10, 100, 1_000, 10_000),
          lambda lab, n: ["-c", LAST, str(indexed(lab, n) / "last")]),
-    Work("history on the page, looked at twice", "runs", (10, 100, 1_000, 10_000),
+    Work("history on the page, shown twice", "runs", (10, 100, 1_000, 10_000),
          lambda lab, n: ["-c", HISTORY, str(indexed(lab, n))]),
-    Work("page of a campaign that has ended", "hours", (1, 5, 10, 20), campaign),
+    Work("page of a finished campaign", "hours", (1, 5, 10, 20), campaign),
 )
 
 
@@ -392,10 +392,10 @@ def compared(lab: Lab, costs: Sequence[Cost], sizes: Sequence[int]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", default=[], metavar="TEXT", help="work whose name contains this")
-    parser.add_argument("--against", type=Path, metavar="FOLDER", help="another checkout, measured in turns")
-    parser.add_argument("--largest", action="store_true", help="the largest sizes, too")
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="another checkout, measured in alternation")
+    parser.add_argument("--largest", action="store_true", help="also measure the largest sizes")
     parser.add_argument("--repeats", type=int, default=1, help="of each size; the best one counts")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/benchmarks.md")
     given = parser.parse_args()
     head = "| work | sizes | CPU, s | exponent | memory, MB | remark |\n|---|---|---|---|---|---|"
     rows = []

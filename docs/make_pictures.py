@@ -1,5 +1,4 @@
-"""Take the pictures in README.md from a campaign on the simulated rig: `python3 dev.py pictures` (4 minutes; requires
-Chromium).
+"""Take the pictures in README.md on the simulated rig: `python3 dev.py pictures` (4 min; needs Chromium).
 
 `examples/table1.toml` runs at twice real time. The operator's page is captured during the run. After the run, the
 script captures the first screen of the report, the two printed pages for a customer, and the page of the bench with a

@@ -1,6 +1,7 @@
-"""One CAN bus that the current source and sensors share: one bus object, each device with the frames that are its own.
+"""One CAN bus shared by the current source and sensors: one bus object distributes the frames to the devices.
 
-A sensor's handle (`CanSensorPort`) is a port of bytes like `SerialPort`: a sensor on CAN is driven as any other is.
+A sensor's handle (`CanSensorPort`) is a byte port like `SerialPort`, so a sensor on CAN uses the same driver as any
+other sensor.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from protocols.slcan import Frame
 
 FRAMES_KEPT = 1 << 16
 SHOWN = 4
-"""So many addresses are named in a message."""
+"""Maximum number of addresses listed in a message."""
 Hears = Callable[[int, bool], bool]
-"""Whether a device hears the frames of an identifier, which is extended or not."""
+"""Whether a device receives frames with an identifier (standard or extended)."""
 NEVER_NS = (1 << 63) - 1
 
 
 class CanBus:
-    """A bus and the devices on it.
+    """A CAN bus and its devices.
 
     Args:
-        address: where it is.
-        fd: CAN FD frames are among those that are sent or heard.
+        address: of the bus.
+        fd: whether CAN FD frames are sent or received.
     """
 
     def __init__(self, address: CanAddress, *, fd: bool = False) -> None:
@@ -42,12 +43,12 @@ class CanBus:
         )
 
     def join(self, device: str, hears: Hears, *, rest: bool = False) -> BusHandle:
-        """A device's part of the bus.
+        """Add a device and return its handle.
 
         Args:
             device: its name.
-            hears: which frames are its own.
-            rest: it is given the frames that belong to no other device, too.
+            hears: selects the frames of this device.
+            rest: whether it also receives the frames that no other device selects.
         """
         handle = BusHandle(self, device, hears, rest=rest)
         self.handles.append(handle)
@@ -65,11 +66,11 @@ class CanBus:
 
 
 class BusHandle:
-    """What one device has of the bus; the same as a `CanPort` of its own.
+    """A device's access to the bus, with the interface of a `CanPort`.
 
     Attributes:
         at_ns: host time of each frame of the last `receive`.
-        waiting: frames that it has not taken yet, each with its host time.
+        waiting: frames that the device has not fetched yet, each with its host time.
     """
 
     def __init__(self, bus: CanBus, device: str, hears: Hears, *, rest: bool) -> None:
@@ -81,17 +82,17 @@ class BusHandle:
 
     @property
     def bus_errors(self) -> int:
-        """Error frames that the interface reported."""
+        """Number of error frames that the interface reported."""
         return self._bus.port.bus_errors
 
     @property
     def malformed(self) -> int:
-        """What was received and is no frame."""
+        """Number of received items that are not frames."""
         return self._bus.port.malformed
 
     @property
     def stamps(self) -> StampClock:
-        """Follows the interface's time stamps."""
+        """Converter for the time stamps of the interface."""
         return self._bus.port.stamps
 
     @property
@@ -100,24 +101,24 @@ class BusHandle:
         return self._bus.connection.is_open_for(self.device)
 
     def open(self) -> None:
-        """Join the bus.
+        """Open the bus, or use it if another device has opened it.
 
         Raises:
             PortClosed: the interface or its channel cannot be opened.
-            LinkLost: the adapter does not take its set-up.
+            LinkLost: the adapter rejects its configuration.
         """
         self._bus.connection.open(self.device)
         self.waiting.clear()
 
     def close(self) -> None:
-        """Leave the bus; closing twice is harmless."""
+        """Release the bus; repeated calls have no effect."""
         self._bus.connection.close(self.device)
 
     def receive(self, timeout_s: float) -> tuple[list[Frame], int]:
         """Frames of this device that have arrived, waiting up to `timeout_s` (s) for the first one.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         self._bus.connection.wait(lambda: bool(self.waiting), timeout_s, self.device, lambda: NEVER_NS)
         frames: list[Frame] = []
@@ -131,11 +132,11 @@ class BusHandle:
     def send(
         self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False, remote: bool = False
     ) -> None:
-        """Hand one frame to the interface.
+        """Pass one frame to the interface.
 
         Raises:
             PortClosed: the bus is not open.
-            LinkLost: the interface does not take it.
+            LinkLost: the interface does not accept it.
         """
         try:
             self._bus.port.send(identifier, data, extended=extended, fd=fd, remote=remote)
@@ -144,15 +145,15 @@ class BusHandle:
 
 
 class CanSensorPort:
-    """A sensor's message as a port of bytes: rows of `protocols.can_frame`.
+    """A sensor's CAN message as a byte port: rows as defined in `protocols.can_frame`.
 
     Args:
-        bus: where the sensor is.
+        bus: of the sensor.
         device: its name.
-        frame: its message.
+        frame: the sensor's message.
 
     Attributes:
-        moved: a bus has no name that could lead elsewhere.
+        moved: always False; the name of a bus cannot point to another device.
     """
 
     moved = False
@@ -173,7 +174,7 @@ class CanSensorPort:
 
     @property
     def refusal(self) -> tuple[str, str]:
-        """Slug and words of why the frames cannot be this sensor's; two empty texts while nothing speaks against."""
+        """Code and reason why the frames cannot come from this sensor; two empty strings if they may."""
         frame, others = self._frame, sorted(self._others)
         shown = ", ".join(f"0x{one:02X}" for one in others[:SHOWN])
         group = f"J1939 parameter group 0x{frame.group or 0:05X} ({frame.group or 0})"
@@ -197,33 +198,33 @@ class CanSensorPort:
         return "", ""
 
     def open(self) -> None:
-        """Join the bus.
+        """Open the bus, or use it if another device has opened it.
 
         Raises:
             PortClosed: the interface or its channel cannot be opened.
-            LinkLost: the adapter does not take its set-up.
+            LinkLost: the adapter rejects its configuration.
         """
         self._handle.open()
 
     def close(self) -> None:
-        """Leave the bus; closing twice is harmless."""
+        """Release the bus; repeated calls have no effect."""
         self._handle.close()
 
     def discard_input(self, limit_s: float = 0.1) -> int:
-        """Discard the frames that have arrived; number of bytes.
+        """Discard the frames that have arrived, and return their number of bytes.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         del limit_s
         data, _ = self.read_available(0.0)
         return len(data)
 
     def read_available(self, timeout_s: float) -> tuple[bytes, int]:
-        """The frames that have arrived as rows, and the monotonic time at which they were there (ns).
+        """The frames that have arrived, as rows, and the monotonic time of their arrival (ns).
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         frames, arrival_ns = self._handle.receive(timeout_s)
         rows = [row for frame in frames if (row := self._row(frame))]
@@ -236,7 +237,7 @@ class CanSensorPort:
 
         Raises:
             PortClosed: the bus is not open.
-            LinkLost: the interface does not take a frame.
+            LinkLost: the interface does not accept a frame.
         """
         del timeout_s
         for key, content, remote in decode_requests(data):
@@ -250,7 +251,7 @@ class CanSensorPort:
         return own or frame.is_from_elsewhere(identifier, extended=extended)
 
     def _row(self, received: Frame) -> bytes:
-        """A frame as the decoder takes it; empty for one that is another node's."""
+        """A frame as a row for the decoder; empty for a frame from another node."""
         identifier, data, extended, remote, _ = received
         frame = self._frame
         if not frame.is_own(identifier, extended=extended):

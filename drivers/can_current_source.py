@@ -168,7 +168,7 @@ class CanCurrentSource:
         return ("no-answer", elsewhere) if elsewhere and not self._current_heard else self._checks.refusal()
 
     def _heard_elsewhere(self) -> str:
-        """Which of its messages another source address sends, in words; empty where none does."""
+        """Message about parameter groups received only from another source address; empty if there are none."""
         described, addresses = self._description, self._elsewhere
         if described.source_address is not None and self._other_addresses:
             stated, heard = described.source_address, sorted(self._other_addresses)
@@ -219,7 +219,7 @@ class CanCurrentSource:
 
         Raises:
             PortClosed: the interface or its channel cannot be opened.
-            LinkLost: the adapter does not take its set-up.
+            LinkLost: the adapter rejects its configuration.
         """
         if not self._is_open:
             self._port.open()
@@ -283,8 +283,8 @@ class CanCurrentSource:
         """Send the command frames at once, beside the cycle.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
-            LinkLost: the interface does not take a frame.
+            PortClosed: the bus is not open or was lost.
+            LinkLost: the interface does not accept a frame.
         """
         with self._send_lock:
             current_A, enable, clear_faults = self._requested
@@ -318,7 +318,7 @@ class CanCurrentSource:
             The batch; without frames after a time-out.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         lost_before = self.counters.lost
         bad_before = self.counters.bad_checks + self.counters.malformed

@@ -105,7 +105,7 @@ class CanPort:
             timeout_s: longest wait for the first frame, s.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         clock.back_within(timeout_s)
         if self._interface == SLCAN:
@@ -132,11 +132,11 @@ class CanPort:
     def send(
         self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False, remote: bool = False
     ) -> None:
-        """Hand one frame to the interface; of the data of a remote frame only the length counts.
+        """Pass one frame to the interface; for a remote frame, only the length of the data is used.
 
         Raises:
             PortClosed: the bus is not open.
-            LinkLost: the interface does not take it.
+            LinkLost: the interface does not accept it.
         """
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")
@@ -169,7 +169,7 @@ class CanPort:
         """What our own slcan reader has, without a message of python-can for each frame.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")
@@ -184,7 +184,7 @@ class CanPort:
         """Next message or None.
 
         Raises:
-            PortClosed: the bus is not open or has gone.
+            PortClosed: the bus is not open or was lost.
         """
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")

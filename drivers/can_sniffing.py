@@ -19,10 +19,10 @@ MOST_FRAMES = 200_000
 
 
 def listen_to_can(address: CanAddress, seconds: float) -> CanLog:
-    """What comes on a bus; nothing is sent on it.
+    """Record the traffic on a bus without sending anything.
 
     Raises:
-        PortClosed: the bus cannot be joined, or has gone.
+        PortClosed: the bus cannot be opened or was lost.
     """
     port = CanPort(address, device="bus")
     port.open()

@@ -39,7 +39,7 @@ class Capabilities:
         e_stop_input: it sees the hard-wired chain.
         force_input: it measures a coarse force of its own.
         tried: its description was tried on such a device, or on one made from the maker's document alone.
-        sine, triangle: it moves in sines, in triangles.
+        sine, triangle: it can produce sine or triangle motions.
         watchdog_tested: the pressure at which its watchdog works and is tested: "off", "low" or "on".
         clock: it tells the time of its own clock; else the host's is taken.
         speed: it measures the rod's speed; else that is a difference of its positions.

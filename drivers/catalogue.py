@@ -172,7 +172,7 @@ def current_source_range_A(given: Given, roles: Mapping[str, Any] | None) -> tup
 
     Args:
         given: a name, or a user's DBC.
-        roles: of a user's DBC.
+        roles: of a user's DBC file.
     """
     if not _is_described(given):
         return -math.inf, math.inf
@@ -185,7 +185,7 @@ def current_source_steps_A(given: Given, roles: Mapping[str, Any] | None) -> tup
 
     Args:
         given: a name, or a user's DBC.
-        roles: of a user's DBC.
+        roles: of a user's DBC file.
     """
     if not _is_described(given):
         return 0.0, 0.0
@@ -203,7 +203,7 @@ def current_source_period_s(given: Given, roles: Mapping[str, Any] | None) -> fl
 
     Args:
         given: a name, or a user's DBC.
-        roles: of a user's DBC.
+        roles: of a user's DBC file.
     """
     return current_source(given, roles).timing.status_s if _is_described(given) else 0.0
 
@@ -218,11 +218,11 @@ def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuato
 
     Args:
         given: a name, or the table of a register map.
-        connection: how to reach it.
+        connection: address and settings of the device.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
-        BrokenPlugIn: it is a plug-in's, and that cannot be used.
+        BrokenPlugIn: the plug-in cannot be used.
     """
     if isinstance(given, str) and not _has_map(given):
         name = given
@@ -242,18 +242,18 @@ def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuato
 def make_current_source(
     given: Given, roles: Mapping[str, Any] | None, bus: CanAddress, shared: CanBus | None = None
 ) -> CurrentSource:
-    """The driver of a current source on CAN; nothing is opened.
+    """Create the driver of a current source on CAN, without opening the bus.
 
     Args:
-        given: the name of a kind of current source, or a user's DBC.
-        roles: of a user's DBC.
-        bus: where it is.
-        shared: that bus, where sensors are on it, too; a plug-in's driver opens a bus object of its own.
+        given: name of a type of current source, or a user's DBC file.
+        roles: of a user's DBC file.
+        bus: of the current source.
+        shared: the bus, if it is shared with sensors; a plug-in driver opens its own bus object.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
         LocalProtocolError: a DBC and its roles cannot be used.
-        BrokenPlugIn: it is a plug-in's, and that cannot be used.
+        BrokenPlugIn: the plug-in cannot be used.
     """
     if isinstance(given, str) and not _is_described(given):
         name, address = given, (bus.interface, bus.channel, bus.bitrate)
@@ -270,16 +270,16 @@ def make_current_source(
 
 
 def current_source_needs_fd(given: Given, roles: Mapping[str, Any] | None) -> bool:
-    """Whether a current source sends or hears CAN FD frames; a plug-in's is not asked."""
+    """Whether a current source sends or receives CAN FD frames; plug-ins are not checked."""
     return _is_described(given) and current_source(given, roles).fd
 
 
 def make_supply(connection: SupplyConnection, line: ModbusLine | None = None) -> CurrentSource:
-    """The driver of a programmable supply, or of an analogue output, that drives the coil; nothing is opened.
+    """Create the driver of a supply or analogue output for the coil, without opening it.
 
     Args:
-        connection: how to reach it.
-        line: of an output, the connection where sensors share it.
+        connection: address and settings of the device.
+        line: of an output, the connection that it shares with sensors.
     """
     if connection.description.output is None:
         return ScpiSupply(connection)
@@ -303,7 +303,7 @@ def make_manual_source(rehearsal: str | None) -> CurrentSource:
 
 @dataclass(frozen=True, slots=True)
 class SensorConnection:
-    """How to reach a sensor and how to read it.
+    """Connection and format of a sensor.
 
     Attributes:
         url: its port.
@@ -312,9 +312,9 @@ class SensorConnection:
         channel: ring channel 1..9.
         format: name of a format, or its table.
         scale: from the wire to SI, and its rate.
-        framing: what else belongs to its serial line; the baud rate in it counts for nothing.
-        bus: of a sensor on CAN.
-        modbus: of a sensor whose readings are Modbus registers, where other devices share its connection.
+        framing: other settings of its serial line; its baud rate is ignored.
+        bus: for a sensor on CAN.
+        modbus: for a sensor with Modbus registers, the connection that it shares with other devices.
     """
 
     url: str
@@ -353,7 +353,7 @@ def make_sensor(connection: SensorConnection) -> Sensor:
 
     Raises:
         LocalProtocolError: no format of that name, or a description that contradicts itself.
-        BrokenPlugIn: it is a plug-in's, and that cannot be used.
+        BrokenPlugIn: the plug-in cannot be used.
     """
     given = connection.format
     if isinstance(given, str) and given in _SENSORS:
@@ -375,7 +375,7 @@ def make_sensor(connection: SensorConnection) -> Sensor:
 
 
 def modbus_connection(url: str, line: LineSettings, device_rate: float, *, rtu: bool) -> ModbusLine:
-    """A connection for Modbus sensors and an analogue output; nothing is opened.
+    """Create a connection for Modbus sensors and an analogue output, without opening it.
 
     Args:
         url: `modbus-tcp://host:port`, `socket://host:port`, or a serial port.

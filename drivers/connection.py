@@ -135,14 +135,14 @@ class CanAddress:
 
     @property
     def text(self) -> str:
-        """The bus in one word: a serial CAN adapter's port, else interface and channel."""
+        """Name of the bus: the port of a serial CAN adapter, otherwise interface and channel."""
         return self.channel if self.interface == "slcan" else f"{self.interface}:{self.channel}"
 
 
 def modbus_line(url: str) -> str:
-    """What the addresses of devices on one Modbus connection have in common: host and port, or the serial port.
+    """Common part of the addresses of devices on one Modbus connection: host and port, or serial port.
 
-    A sensor's `/dev/ttyUSB0` and an output's `modbus-rtu:/dev/ttyUSB0` are the same line.
+    The addresses `/dev/ttyUSB0` of a sensor and `modbus-rtu:/dev/ttyUSB0` of an output are the same line.
     """
     for prefix in (f"{LinkKind.MODBUS_RTU}:", f"{LinkKind.MODBUS_TCP}://", "socket://"):
         url = url.removeprefix(prefix)

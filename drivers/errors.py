@@ -2,7 +2,7 @@
 
     DriverError
      +-- PortClosed           the port is missing, refused or unplugged
-     |    +-- SharedConnectionClosed   another device that shares it reports why
+     |    +-- SharedConnectionClosed   another device that shares it reports the cause
      +-- NoAnswer             no answer within the time-out
      +-- LinkLost             the connection broke during a request
      +-- WrongIdentity        another device answered
@@ -55,7 +55,7 @@ class PortClosed(DriverError):
 
 
 class SharedConnectionClosed(PortClosed):
-    """The connection that a device shares with others is closed, which another of them reports.
+    """The shared connection of a device is closed; another of its users reports the cause.
 
     Situations: two devices behind one host and port, on one serial line or CAN bus; the first one could not open it.
     """

@@ -171,18 +171,16 @@ class ModbusActuator:
         return command in self._map.recipes.commands
 
     def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
-        """Write a set-point and read the status, in one trip where the device can; never written again.
+        """Write a set-point once and read the status, in one request if the device supports this.
 
-        One with a handshake is handed over first.
-
-        A watchdog that is not fed by the set-point's own write is fed by a write of its own before.
+        A set-point with a handshake is transferred first. A separate write then feeds the watchdog if necessary.
 
         Args:
             setpoint: where to be (m), and how fast to go on (m/s) for a device that takes a speed.
             watchdog_counter: must differ from the last one to feed, modulo 65536; None: it is not fed.
 
         Raises:
-            DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
+            DriverError: the controller cannot be reached or rejects the request; the set-point may have arrived.
         """
         if watchdog_counter is not None and not self._map.setpoint_feeds:
             for request in self._setpoints.feed(watchdog_counter):

@@ -1,11 +1,12 @@
-"""Modbus sensors, and an analogue output, on one connection: a TCP server that allows few of them, or a serial line.
+"""Modbus sensors and an analogue output on one connection (TCP or serial line).
 
     period of 5 ms:   read registers 0..3 (load cell, LVDT)  |  write 1000 (output)  |  read 4..5 (output)
 
-Sensors of the same period whose registers lie together are read by one request. One request is under way at a time; the
-output's go first. On TCP an answer is known by its transaction identifier. On a serial line it cannot be told from a
-late one, so that after a time-out nothing is sent for as long again, and what comes is thrown away. Where the device's
-clock is not the host's (a simulated one at speed) requests are sent ahead on TCP and the readings counted.
+Sensors with the same period and adjacent registers are read in one request. One request is pending at a time; requests
+to the output have priority. On TCP, the transaction identifier assigns an answer to its request. On a serial line, a
+late answer cannot be distinguished from the next one, so after a time-out the line stays silent for the same time again
+and discards what arrives. If the device has its own clock (a simulated device that runs faster), requests are sent in
+advance on TCP and readings are counted.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, Reading
 from protocols.modbus_format import FUNCTIONS, MOST_REGISTERS
 
 REQUEST_RATE_HZ = 100.0
-"""How often a sensor is asked where neither bench nor format say it."""
+"""Default request rate, if neither the bench file nor the format states a rate."""
 AHEAD_S, MOST_AHEAD = 0.25, 64
-"""Requests under way to a device whose clock is not the host's: for so much wall time, at most so many of a block."""
+"""Wall time covered by pending requests to a device with its own clock, and the maximum number per block."""
 AHEAD_TIMEOUT_NS = 1_000_000_000
-"""Such a device's clock may stand still for a while."""
+"""Long time-out, because the clock of such a device may pause."""
 TRANSACTIONS = 1 << 16
 READINGS_KEPT = 1 << 16
 LOOK_NS = 5_000_000
-"""While nothing is under way, the line looks so often for requests of the output."""
+"""Interval at which an idle line checks for requests to the output."""
 SPACES = {number: name for name, number in FUNCTIONS.items()}
 MEANT = {
     1: "the device does not support this function. Fix: check function (holding or input)",
@@ -51,17 +52,17 @@ MEANT = {
 
 @dataclass
 class Block:
-    """Registers that one request reads, and the sensors that they belong to.
+    """Registers that are read in one request, and their sensors.
 
     Attributes:
         unit, function, address, count: of the request.
-        period_ns: how often (wall ns).
+        period_ns: interval between requests (wall ns).
         timeout_ns: longest wait for the answer (ns).
-        ahead: so many requests may be under way.
-        sensors: whose registers are in it.
-        due_ns: when it is to be read next.
+        ahead: maximum number of pending requests.
+        sensors: owners of the registers.
+        due_ns: time of the next request.
         number: of the last request.
-        under_way: how many are.
+        under_way: number of pending requests.
     """
 
     unit: int
@@ -78,17 +79,17 @@ class Block:
 
     @property
     def request(self) -> bytes:
-        """Its PDU."""
+        """PDU of the request."""
         return modbus.read_request(self.address, self.count, self.function)
 
 
 @dataclass
 class Call:
-    """A request of another driver on the line, and what became of it.
+    """A request from another driver on the line, and its result.
 
     Attributes:
-        answer: PDU; None while there is none.
-        failure: why there will be none.
+        answer: PDU, or None if there is none yet.
+        failure: reason why there is no answer.
     """
 
     unit: int
@@ -100,13 +101,13 @@ class Call:
 
     @property
     def done(self) -> bool:
-        """It is over."""
+        """Whether the request has finished."""
         return self.answer is not None or bool(self.failure)
 
 
 @dataclass
 class UnderWay:
-    """A request that was sent: of a block, with its number, or of another driver."""
+    """A pending request: of a block (with its number) or of another driver."""
 
     transaction: int
     of: Block | Call
@@ -118,16 +119,16 @@ class UnderWay:
 
 
 class ModbusLine:
-    """One connection and everything that is read and written on it.
+    """One connection, and all its requests.
 
     Args:
         url: `modbus-tcp://host:port`, `socket://host:port`, or a serial port.
         line: settings of the serial line.
         rtu: Modbus RTU, else Modbus TCP.
-        device_rate: device seconds that pass in one second of the host's clock.
+        device_rate: device seconds per second of the host's clock.
 
     Attributes:
-        stale: answers to requests that were given up.
+        stale: number of answers to abandoned requests.
     """
 
     def __init__(self, url: str, line: LineSettings, *, rtu: bool, device_rate: float = 1.0) -> None:
@@ -152,18 +153,18 @@ class ModbusLine:
         self._held = b""
 
     def add(self, sensor: ModbusSensor) -> None:
-        """A sensor is on the line."""
+        """Add a sensor to the line."""
         self._sensors.append(sensor)
         self.connection.add(sensor.name)
         self._blocks = None
 
     def ask(self, device: str, unit: int, pdu: bytes, timeout_s: float) -> bytes:
-        """The answer to a request of another driver; it is sent before any of the sensors'.
+        """Send a request from another driver, before any sensor request, and return the answer.
 
         Raises:
-            NoAnswer: none came in time.
-            DamagedAnswer: it cannot be read.
-            DriverError: the connection is gone.
+            NoAnswer: no answer arrived in time.
+            DamagedAnswer: the answer cannot be decoded.
+            DriverError: the connection was lost.
         """
         call = Call(unit, pdu, int(timeout_s * 1e9))
         with self.connection.state:
@@ -183,10 +184,10 @@ class ModbusLine:
         return call.answer
 
     def next_ns(self) -> int:
-        """Send what is due, and say when to look again at the latest; the connection's state is held.
+        """Send all due requests, and return the latest time of the next call; the caller holds the state lock.
 
         Raises:
-            DriverError: the connection is gone.
+            DriverError: the connection was lost.
         """
         now_ns = clock.monotonic_ns()
         self._give_up(now_ns)
@@ -250,7 +251,7 @@ class ModbusLine:
         self.port.write(frame)
 
     def _give_up(self, now_ns: int) -> None:
-        """Requests whose answer is overdue are forgotten; on a serial line nothing is sent for a while."""
+        """Abandon overdue requests; on a serial line, also pause before the next request."""
         if not self._under_way or now_ns - self._under_way[0].sent_ns <= self._under_way[0].timeout_ns:
             return
         waited_ns = self._under_way[0].timeout_ns
@@ -260,7 +261,7 @@ class ModbusLine:
             self._held = b""
 
     def _fail(self, why: str, *, damaged: bool = False) -> None:
-        """No request under way is answered any more."""
+        """Abandon all pending requests."""
         while self._under_way:
             self._end(self._under_way.popleft(), why, damaged=damaged)
 
@@ -352,7 +353,7 @@ class ModbusLine:
 
 
 def blocks_of(sensors: list[ModbusSensor]) -> list[Block]:
-    """The requests by which sensors are read: those of one period whose registers lie together by one."""
+    """Combine sensors with the same period and adjacent registers into one request each."""
     blocks: list[Block] = []
     for sensor in sorted(sensors, key=lambda one: one.registers.address):
         mine, before = sensor.registers, None
@@ -375,20 +376,20 @@ def blocks_of(sensors: list[ModbusSensor]) -> list[Block]:
 
 
 class ModbusSensor:
-    """A sensor whose readings are registers of a device on a line; a `drivers.roles.Sensor`.
+    """A sensor whose readings are Modbus registers on a shared line; a `drivers.roles.Sensor`.
 
     Args:
         line: the connection.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        layout: its format.
+        layout: format of the readings.
         registers: of that format.
-        scale: from the wire to SI, and the sensor's rate; without a rate the format's own.
+        scale: conversion from wire units to SI, and the sensor's rate (default: the rate of the format).
 
     Attributes:
-        bad_frames: answers that could not be read.
-        skipped_bytes: bytes that belonged to no answer.
-        moved: the name of the line leads to another port than the one that was opened.
+        bad_frames: number of answers that could not be decoded.
+        skipped_bytes: number of bytes that were not part of an answer.
+        moved: whether the name of the line now points to a different port.
     """
 
     def __init__(
@@ -420,7 +421,7 @@ class ModbusSensor:
 
     @property
     def moved(self) -> bool:
-        """The port's name leads to another port than the one that was opened."""
+        """Whether the name of the port now points to a different port."""
         return self._line.port.moved
 
     @property
@@ -435,7 +436,7 @@ class ModbusSensor:
 
     @property
     def refusal(self) -> tuple[str, str]:
-        """Slug and words of the exception with which the device answers; two empty texts while it does not."""
+        """Code and text of the exception that the device returns; two empty strings if there is none."""
         if not self._codes or self._answers:
             return "", ""
         code = next(reversed(self._codes))
@@ -450,7 +451,7 @@ class ModbusSensor:
         )
 
     def open(self) -> None:
-        """Open the connection, or join the others that have it open.
+        """Open the connection, or use it if another device has opened it.
 
         Raises:
             PortClosed: it cannot be opened.
@@ -459,22 +460,22 @@ class ModbusSensor:
         self.discard_input()
 
     def close(self) -> None:
-        """Leave the connection; the last one closes it."""
+        """Release the connection; the last user closes it."""
         self._line.connection.close(self.name)
 
     def discard_input(self) -> None:
-        """Throw away the readings that have come."""
+        """Discard the readings that have arrived."""
         with self._line.connection.state:
             self._readings.clear()
 
     def read_batch(self, timeout_s: float) -> Batch:
-        """The readings that have come, waiting for the first one.
+        """Return the readings that have arrived, waiting for the first one.
 
         Args:
             timeout_s: longest wait, s.
 
         Raises:
-            PortClosed: the connection is gone.
+            PortClosed: the connection was lost.
         """
         line = self._line
         line.connection.wait(lambda: bool(self._readings), timeout_s, self.name, line.next_ns)
@@ -484,7 +485,7 @@ class ModbusSensor:
         return self._stream.take_readings(readings, clock.monotonic_ns())
 
     def take(self, data: bytes, number: int, device_us: int) -> None:
-        """The registers of one answer; the connection's state is held."""
+        """Accept the registers of one answer; the caller holds the state lock."""
         self._answers += 1
         self._codes.clear()
         layout = self._layout
@@ -493,19 +494,19 @@ class ModbusSensor:
         self._readings.append((number % SEQUENCE_MODULUS, device_us, value, status, 0))
 
     def refused(self, code: int) -> None:
-        """An exception; the connection's state is held."""
+        """Record an exception; the caller holds the state lock."""
         self._codes[code] = self._codes.pop(code, 0) + 1
         self._answers = 0
 
 
 @dataclass
 class SharedWire:
-    """The line as the connection of another driver: a `drivers.modbus_wire.Wire`.
+    """Access to the line for another driver; a `drivers.modbus_wire.Wire`.
 
     Attributes:
         line: the connection.
-        unit: address of the device.
-        device: its name.
+        unit: Modbus address of the device.
+        device: name of the device.
     """
 
     line: ModbusLine
@@ -522,7 +523,7 @@ class SharedWire:
         return self.line.connection.is_open_for(self.device)
 
     def open(self, timeout_s: float) -> None:
-        """Open the connection, or join the sensors that have it open.
+        """Open the connection, or use it if a sensor has opened it.
 
         Raises:
             PortClosed: it cannot be opened.
@@ -531,14 +532,14 @@ class SharedWire:
         self.line.connection.open(self.device)
 
     def close(self) -> None:
-        """Leave the connection; the last one closes it."""
+        """Release the connection; the last user closes it."""
         self.line.connection.close(self.device)
 
     def ask(self, pdu: bytes, timeout_s: float) -> bytes:
-        """Send one request, wait for its answer.
+        """Send one request and wait for its answer.
 
         Raises:
-            NoAnswer: none came in time.
+            NoAnswer: no answer arrived in time.
             LinkLost: the connection broke or is not open.
             DamagedAnswer: the answer cannot be read.
         """
@@ -550,7 +551,7 @@ class SharedWire:
             raise LinkLost(self.device, error.port, error.message, error.fix) from error
 
     def drain(self) -> int:
-        """Answers carry the number of their request, or are thrown away by the line."""
+        """Nothing to discard: the line assigns answers to requests and discards all others."""
         return 0
 
 

@@ -40,11 +40,11 @@ class ModbusLink:
         device: name of the device for messages.
         baudrate: Bd of a serial line.
         parity: "N", "E" or "O", of a serial line.
-        wire: the connection where other devices share it; None: one of its own.
+        wire: the connection if it is shared with other devices; None: a separate connection.
 
     Attributes:
-        timeouts: answers that did not come in time, since construction.
-        busy: "busy" answers that were asked again, since construction.
+        timeouts: number of answers that did not arrive in time since construction.
+        busy: number of requests repeated after a "busy" answer since construction.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class ModbusLink:
 
         Args:
             address: first register or coil.
-            words: 1..123 values, of coils 0 and 1; of function 22 the mask of the bits that stay, and the other bits.
+            words: 1..123 values (0 or 1 for coils); for function 22, the mask of the unchanged bits and the other bits.
             function: 5, 6, 15, 16 or 22.
 
         Raises:

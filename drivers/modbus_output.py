@@ -39,13 +39,13 @@ _CLOSING_S = 0.5
 class ModbusOutput(PolledSource):
     """Drives one analogue output; a `drivers.current_source.CurrentSource`.
 
-    `read_batch` belongs to one owner; `command` and `send_now` may be called from any thread. Before `start` nothing is
-    written.
+    Only one thread may call `read_batch`; any thread may call `command` and `send_now`. Nothing is written before
+    `start`.
 
     Args:
-        connection: how to reach it.
-        output: its registers.
-        line: the connection where sensors share it; None: one of its own.
+        connection: address and settings of the device.
+        output: registers of the output.
+        line: the connection if it is shared with sensors; None: a separate connection.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
-"""Set-points of a Modbus actuator, and what feeds its watchdog: what is written with a poll; each has its counters.
+"""Set-points of a Modbus actuator and feeding of its watchdog: the values written with each poll.
 
-A set-point that the device acknowledges is handed over step by step, within one poll. While the device keeps the host
-waiting, no other set-point is sent, so the wait counts as "busy": the motion goes on, or is ended, as after any other
-set-point that was not taken.
+A set-point that the device acknowledges is transferred in steps within one poll. If the acknowledgement does not arrive
+in time, the device counts as "busy", and the motion is continued or stopped as after any other set-point that was not
+accepted.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ COUNTERS = 1 << 16
 HELD = frozenset({State.HOLD, State.MOVING, State.RUNNING})
 """States in which the device goes where its set-points say."""
 LOOK_AGAIN_S = 0.001
-"""Between two reads of an acknowledgement."""
+"""Interval between two reads of an acknowledgement (s)."""
 
 
 class ModbusSetpoints:
@@ -79,11 +79,11 @@ class ModbusSetpoints:
             self._held_m = float(shown)
 
     def setpoint(self, setpoint: Setpoint, counter: int | None) -> list[Written]:
-        """The writes of a set-point, those of a handshake at once; the watchdog's counter stays where it is not fed.
+        """All writes of a set-point; the watchdog counter does not change if the watchdog is not fed.
 
         Args:
             setpoint: where to be (m), and how fast to go on (m/s).
-            counter: as in `feed`; None: it is not fed.
+            counter: as in `feed`; None: the watchdog is not fed.
 
         Raises:
             LocalProtocolError: a value does not fit its register.
@@ -92,23 +92,23 @@ class ModbusSetpoints:
 
     @property
     def holds_first(self) -> bool:
-        """A device without pressure may be sent where its rod is."""
+        """Whether the current rod position may be sent to a device without pressure."""
         return bool(self._recipes.setpoint) and self._recipes.while_off
 
     def hand_over(self, setpoint: Setpoint, counter: int | None, access: RegisterAccess) -> Sequence[Written]:
-        """Hand a set-point over, where the device acknowledges it.
+        """Transfer a set-point that the device acknowledges.
 
         Args:
             setpoint: where to be (m), and how fast to go on (m/s).
             counter: as in `setpoint`.
-            access: the device's registers.
+            access: access to the device's registers.
 
         Returns:
-            What is left to be written with the poll: nothing after a handshake, else the whole set-point.
+            The writes that remain for the poll: none after a handshake, otherwise the complete set-point.
 
         Raises:
             LocalProtocolError: a value does not fit its register; nothing was written.
-            Busy: the device did not acknowledge in time; it may act on the set-point later. Its request is taken back.
+            Busy: the device did not acknowledge in time and may act on the set-point later; the request is withdrawn.
             DriverError: the device cannot be reached, or refuses.
         """
         if not self._waits:

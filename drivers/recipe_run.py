@@ -60,12 +60,12 @@ class RecipeRun:
 
     @property
     def rest(self) -> Recipe:
-        """The steps from the one that was not over on."""
+        """The remaining steps, from the unfinished one on."""
         return self._steps[self._next :]
 
     @property
     def awaited(self) -> str:
-        """How long the present wait was allowed to last, and on what, for messages."""
+        """Time limit and conditions of the current wait, for messages."""
         step = self._steps[self._next]
         if not isinstance(step, Wait):
             return ""

@@ -41,7 +41,7 @@ class RegisterAccess:
 
     @property
     def url(self) -> str:
-        """Where it is, for errors."""
+        """Address of the device, for errors."""
         return self._link.url
 
     def read(
@@ -109,9 +109,9 @@ class RegisterAccess:
         return self.read(reads(quantities, self._rules), "wait")
 
     def write(self, request: Written) -> None:
-        """One write, once; single bits by a mask, or put into the word that the device holds now.
+        """Perform one write, once; single bits are written by a mask or inserted into the current word.
 
-        The word is read before each such write: a bit that the device has taken back itself must not be set again.
+        The word is read before each such write, because a bit that the device has cleared itself must not be set again.
 
         Raises:
             DriverError: the controller cannot be reached, or refuses.

@@ -131,12 +131,12 @@ class SampleScale:
 
 
 class SampleStream:
-    """Bytes of one sensor in, records out; knows no port.
+    """Convert the bytes of one sensor to records, independent of the port.
 
     Args:
-        decoder: splits the bytes; None where readings come decoded (`take_readings`).
+        decoder: splits the bytes; None if readings arrive decoded (`take_readings`).
         channel: sensor channel 1..9; its edges go to the matching edge channel.
-        scale: from the wire to SI, and the sensor's rate.
+        scale: conversion from wire units to SI, and the sensor's rate.
         has_sequence: whether the format carries a sequence number; without one, losses are counted against the rate
             where `device_rate` is 1.
 
@@ -192,7 +192,7 @@ class SampleStream:
         return Batch(records, self.counters.lost - lost_before, arrival_ns)
 
     def take_readings(self, readings: list[Reading], arrival_ns: int) -> Batch:
-        """The batch of readings that were decoded elsewhere, such as by a connection that several sensors share."""
+        """Convert readings that were decoded elsewhere, for example by a shared connection."""
         lost_before = self.counters.lost
         records = self._records(readings, arrival_ns)
         return Batch(records, self.counters.lost - lost_before, arrival_ns)

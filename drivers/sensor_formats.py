@@ -47,12 +47,12 @@ def described_format(given: Given, channel: Channel | None = None) -> SensorForm
 
 
 def is_can(given: Given) -> bool:
-    """Whether a format is a CAN message, which is read on a bus and not at a serial port."""
+    """Whether a format is a CAN message."""
     return not isinstance(given, str) and kind_of(given) == CAN
 
 
 def registers_of(given: Given) -> Registers | None:
-    """The Modbus registers of a format; None for one that is read in another way, or is a plug-in's.
+    """The Modbus registers of a format; None for other formats and plug-ins.
 
     Raises:
         DescriptionProblems: the table contradicts itself.
@@ -62,7 +62,7 @@ def registers_of(given: Given) -> Registers | None:
 
 
 def format_problems(table: Mapping[str, Any]) -> list[Problem]:
-    """What valid entries of a description contradict in each other."""
+    """Contradictions between valid entries of a description."""
     try:
         described_format(table)
     except DescriptionProblems as error:

@@ -40,11 +40,12 @@ USUAL = LineSettings()
 
 
 class SerialSensor:
-    """Owns the port of one sensor and turns what it sends into ring records in SI.
+    """Owns the port of one sensor and converts its data to ring records in SI units.
 
-    A sensor that must be asked (its format has a request) is asked at the scale's rate from `read_batch`: one request
-    at a time, its time the reading's device time, an answer that does not come within its time a lost sample. Where the
-    device's clock is not the host's (a simulated one at speed), requests are sent ahead and the readings counted.
+    A polled sensor (its format has a request) is polled at the scale's rate in `read_batch`, with one request at a
+    time. The time of the request is the device time of the reading; a missing answer counts as a lost sample. If the
+    device has its own clock (a simulated device that runs faster), requests are sent in advance and readings are
+    counted.
 
     Args:
         url: port, anything `SerialPort` takes.
@@ -52,11 +53,11 @@ class SerialSensor:
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
         line_format: name of a format, path of a format's file, or a format.
-        scale: from the wire to SI, and the sensor's rate; without a rate the format's own.
-        port: where its bytes come from in place of a port at `url`, such as a CAN bus.
+        scale: conversion from wire units to SI, and the sensor's rate (default: the rate of the format).
+        port: source of the bytes instead of a port at `url`, such as a CAN bus.
 
     Raises:
-        LocalProtocolError: no format of that name, or one that cannot be used.
+        LocalProtocolError: the format is unknown or cannot be used.
     """
 
     def __init__(
@@ -108,12 +109,12 @@ class SerialSensor:
 
     @property
     def refusal(self) -> tuple[str, str]:
-        """Slug and words of why what is received cannot be this sensor's; two empty texts while nothing shows it."""
+        """Code and reason why the received data cannot come from this sensor; two empty strings if it may."""
         return self._port.refusal if isinstance(self._port, CanSensorPort) else ("", "")
 
     @property
     def lost_slug(self) -> str:
-        """The fault that a lost port is, where that is not the sensor's own; "" for the sensor's own."""
+        """Fault code of a lost port if it is not the sensor's own port; otherwise empty."""
         return "can-busoff" if isinstance(self._port, CanSensorPort) else ""
 
     @property

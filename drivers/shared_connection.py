@@ -1,8 +1,8 @@
-"""One connection that several devices share: who opens and closes it, and who reads it.
+"""A connection shared by several devices: opening, closing and reading.
 
-Each device has its own thread, and no thread owns the connection. Whichever of the waiting threads comes first reads,
-for all; what it reads is handed to those it belongs to, and the next one that waits takes over. So sharing costs no
-further thread, and no device waits for the thread of another one that is busy.
+Each device has its own thread, and no thread owns the connection. The first waiting thread reads for all devices and
+distributes the data; then the next waiting thread takes over. Sharing therefore needs no additional thread, and no
+device depends on the busy thread of another device.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from drivers.errors import DriverError, PortClosed, SharedConnectionClosed
 T = TypeVar("T")
 
 KNOWN_NS = 1_000_000_000
-"""For so long a failed attempt to open the connection stands for the other devices' attempts."""
+"""Time for which a failed attempt to open the connection also counts for the other devices."""
 
 
 class SharedConnection(Generic[T]):
-    """A connection with several users.
+    """A connection that several devices use.
 
     Args:
-        name: what the connection is called in messages, such as its address.
+        name: name of the connection in messages, such as its address.
         open_port, close_port: open and close it.
-        read: waits for what comes, up to so long (s); called by one thread at a time.
-        take: hands over what was read; called with `state` held.
+        read: waits for data, up to the given time (s); called by one thread at a time.
+        take: distributes the data; called with `state` held.
 
     Attributes:
-        state: guards the connection's data; notified when something was read.
-        lost: why the connection is gone; None while it is not.
+        state: condition that protects the data of the connection; notified after each read.
+        lost: reason for the loss of the connection; None if it is not lost.
     """
 
     def __init__(
@@ -48,12 +48,12 @@ class SharedConnection(Generic[T]):
         self._before: DriverError | None = None
 
     def add(self, user: str) -> None:
-        """A device will use the connection."""
+        """Register a device as a user of the connection."""
         self._users[user] = False
 
     @property
     def users(self) -> str:
-        """The names of the devices that share it, in words."""
+        """Names of the devices that share the connection, as text."""
         *most, last = self._users
         return f"{', '.join(most)} and {last}" if most else last
 
@@ -62,11 +62,11 @@ class SharedConnection(Generic[T]):
         return self._users[user] and self.lost is None
 
     def open(self, user: str) -> None:
-        """Open the connection for a device, or join the others that have it open.
+        """Open the connection for a device, or use it if another device has opened it.
 
         Raises:
             PortClosed: it cannot be opened.
-            LinkLost: it does not take its set-up.
+            LinkLost: it rejects its configuration.
             SharedConnectionClosed: another device has just failed to open it.
         """
         with self.state:
@@ -77,7 +77,7 @@ class SharedConnection(Generic[T]):
             self._users[user] = True
 
     def close(self, user: str) -> None:
-        """A device has done with the connection; the last one closes it. Twice is harmless."""
+        """Release the connection for a device; the last user closes it. Repeated calls have no effect."""
         with self.state:
             self._users[user] = False
             if not any(self._users.values()):
@@ -85,16 +85,16 @@ class SharedConnection(Generic[T]):
             self.state.notify_all()
 
     def wait(self, done: Callable[[], bool], timeout_s: float, user: str, until_ns: Callable[[], int]) -> None:
-        """Wait until something was read that a device waits for, reading where no other thread does.
+        """Wait for data of a device, and read if no other thread is reading.
 
         Args:
-            done: whether it has come; called with `state` held.
+            done: whether the data have arrived; called with `state` held.
             timeout_s: longest wait (s); what has arrived is read even with 0.
             user: the device.
-            until_ns: when to look again at the latest (monotonic ns); called with `state` held before each read.
+            until_ns: latest time of the next check (monotonic ns); called with `state` held before each read.
 
         Raises:
-            DriverError: the connection is gone.
+            DriverError: the connection was lost.
         """
         end_ns, first = clock.monotonic_ns() + int(timeout_s * 1e9), True
         while True:
@@ -121,7 +121,7 @@ class SharedConnection(Generic[T]):
             self._read_once(wait_s, user)
 
     def lose(self, error: DriverError) -> None:
-        """The connection is gone: every device that waits is told; `state` is held."""
+        """Record the loss of the connection and notify all waiting devices; the caller holds `state`."""
         if self.lost is None:
             self.lost = error
         self.state.notify_all()
@@ -144,10 +144,10 @@ class SharedConnection(Generic[T]):
             self.state.notify_all()
 
     def _check(self, user: str) -> None:
-        """Raise why the connection is gone, as this device has it.
+        """Raise the reason for the loss of the connection, for this device.
 
         Raises:
-            PortClosed: it is gone.
+            PortClosed: the connection was lost.
         """
         error = self.lost
         if error is None and self._users[user]:
@@ -172,7 +172,7 @@ class SharedConnection(Generic[T]):
         self._failed, self._is_open = None, True
 
     def _shut(self) -> None:
-        """Close the connection; who had it open when it was lost has to open it again, and is told of the loss."""
+        """Close the connection; users of a lost connection are notified and must open it again."""
         self._close_port()
         self._users = dict.fromkeys(self._users, False)
         self._is_open, self.lost, self._before = False, None, self.lost

@@ -28,17 +28,17 @@ class BlockSlcanBus(slcanBus):
     Args:
         channel: URL of the serial port.
         bitrate: CAN bit rate, bit/s.
-        data_bitrate: of the data of CAN FD frames, bit/s; None: the same.
+        data_bitrate: bit rate of the data in CAN FD frames, bit/s; None: the same bit rate.
         tty_baudrate: Bd of the serial port; ignored by sockets and USB adapters.
-        device: whose bus it is, for messages.
+        device: owner of the bus, for messages.
 
     Attributes:
-        malformed: lines that were neither frame nor answer.
+        malformed: number of lines that were neither a frame nor an answer.
 
     Raises:
         ValueError: slcan has no code for the bit rate; nothing was opened.
         PortClosed: the port cannot be opened.
-        CanOperationError: it does not take the adapter's set-up.
+        CanOperationError: it rejects the adapter's configuration.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ _NO_CLOCK = -1
 _SLIP = {0xDC: 0xC0, 0xDD: 0xDB}
 _DLE = 0x10
 BEYOND = -2
-"""Of a protection's counter: outside its range."""
+"""Marks a protection counter outside its range."""
 
 
 class BinaryDecoder:
@@ -90,7 +90,7 @@ class BinaryDecoder:
         self._rest = data[at:]
 
     def _by_message(self, chunk: bytes) -> Iterator[bytes]:
-        """Frames of a CAN message, each as a row of `protocols.can_frame`: the bus has cut them already."""
+        """Split rows of `protocols.can_frame` into the frames of a CAN message."""
         layout, message = self.binary_format, self.binary_format.can
         if message is None:
             return

@@ -119,16 +119,16 @@ class Field:
 
 @dataclass(frozen=True)
 class Registers:
-    """The Modbus registers of one reading.
+    """Modbus registers of one reading.
 
     Attributes:
         unit: address of the device.
         function: 3 (holding registers) or 4 (input registers).
-        address: of the first one, as on the wire.
-        count: how many.
+        address: first register, as transmitted.
+        count: number of registers.
         rtu: Modbus RTU, else Modbus TCP.
-        largest_gap: so many registers between these and those of another sensor may be read with both.
-        first_address: what the manual calls address 0.
+        largest_gap: maximum gap to the registers of another sensor for a combined request.
+        first_address: address that the manual uses for register 0.
     """
 
     unit: int
@@ -141,7 +141,7 @@ class Registers:
 
     @property
     def end(self) -> int:
-        """Address behind the last one."""
+        """Address after the last register."""
         return self.address + self.count
 
 
@@ -152,8 +152,8 @@ class BinaryFormat:
     Attributes:
         name: as in the bench file.
         length: bytes of a whole frame, sync, checksum and end included, stuffing not.
-        fields: by what they are: `value`, and where there are such `status`, `sequence`, `time`, `decimals` (decimal
-            places of the number of the value).
+        fields: by name: `value` and, if present, `status`, `sequence`, `time` and `decimals` (decimal places of the
+            value).
         sync, end: bytes a frame begins and ends with.
         stuffing: "none"; "escape": in front of a sync, end or escape byte inside of the frame stands `escape`, and the
             byte is changed by `escape_xor`; "dle": sync and end are DLE and another byte, a DLE inside stands twice;
@@ -169,8 +169,8 @@ class BinaryFormat:
         unit: unit of the value.
         nominal_rate_Hz: frames a second, or None.
         exchange: what is sent to the device.
-        can: the CAN message that is the frame; None for a stream of bytes.
-        registers: of a format whose frames are answers of Modbus; else None.
+        can: the CAN message that carries the frame; None for a byte stream.
+        registers: of a format whose frames are Modbus answers; otherwise None.
     """
 
     name: str

@@ -21,7 +21,7 @@ from protocols.patterns import Pattern, PatternError
 
 _MARK = "{address}"
 _ANY = r"[^\x00-\x1f\x7f]"
-"""A character that can be printed, whatever the encoding."""
+"""A printable character in any encoding."""
 _FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")
 """Of a number in a template: a wider one would take any amount of memory."""
 LONGEST_TICK_US = 1e9
@@ -267,11 +267,11 @@ def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Proble
 
 
 def message_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Problem]:
-    """Everything about the layout of a CAN message that contradicts itself.
+    """All contradictions in the layout of a CAN message.
 
     Args:
         made: the format.
-        values: its entries as they were given, every field among them.
+        values: its entries as specified, including all fields.
     """
     if "value" not in made.fields:
         return [(("fields",), "the field for the value is missing: write a table [fields.value] with at and type")]

@@ -12,12 +12,12 @@ CanFrame = tuple[float, int, bytes, bool]
 """(time s, identifier, data, extended)."""
 _STAMP = r"\s*\((\d+(?:\.\d+)?)\)\s+\S+\s+"
 _LOG = re.compile(_STAMP + r"([0-9A-Fa-f]{3,8})#(?:(#[0-9A-Fa-f])?([0-9A-Fa-f]*)|R([0-9A-F]?))(?:_[0-9A-F])?\s*")
-"""As `candump -l` writes it: 123#DEADBEEF, 123##1DEADBEEF (CAN FD), 123#R8 (remote), 20000004#... (error)."""
+"""Line of `candump -l`: 123#DEADBEEF, 123##1DEADBEEF (CAN FD), 123#R8 (remote), 20000004#... (error)."""
 _SHOWN = re.compile(
     _STAMP + r"(?:[TR]X\s+\S+\s+)?([0-9A-Fa-f]{3,8})\s+\[(\d+)\]\s+"
     r"(?:(remote request)|((?:[0-9A-Fa-f]{2}\s+)*[0-9A-Fa-f]{2}))(\s+ERRORFRAME)?(?:\s+'.*')?\s*"
 )
-"""As `candump -ta` shows it: 123   [4]  DE AD BE EF; a frame of CAN FD has a length of two digits."""
+"""Line of `candump -ta`: 123   [4]  DE AD BE EF; a CAN FD frame has a two-digit length."""
 _ERROR_BIT, _IDENTIFIER = 0x2000_0000, 0x1FFF_FFFF
 ERRORS = {
     0x001: "transmit time-out", 0x002: "lost arbitration", 0x004: "controller problem", 0x008: "protocol violation",
@@ -60,14 +60,14 @@ class CanSummary:
 
 @dataclass
 class CanLog:
-    """What a log or a bus holds.
+    """Content of a log, or traffic on a bus.
 
     Attributes:
-        frames: of data, those of CAN FD too.
-        fd: identifiers of frames of CAN FD.
+        frames: data frames, including CAN FD.
+        fd: identifiers of CAN FD frames.
         remote: identifiers that were requested by remote frames.
-        errors: error frames by their class, as text.
-        other_lines: lines of a log that are no frames.
+        errors: number of error frames by class.
+        other_lines: number of lines in a log that are not frames.
     """
 
     frames: list[CanFrame] = field(default_factory=list)
@@ -78,12 +78,12 @@ class CanLog:
 
     @property
     def is_empty(self) -> bool:
-        """There is no frame of any kind."""
+        """Whether there are no frames of any type."""
         return not (self.frames or self.remote or self.errors)
 
 
 def read_candump(text: str) -> CanLog:
-    """A log as `candump -l` writes it or `candump -ta` shows it; other lines are counted."""
+    """Read a log of `candump -l` or `candump -ta`; other lines are counted."""
     log = CanLog()
     for line in text.splitlines():
         if (match := _LOG.fullmatch(line)) is not None:

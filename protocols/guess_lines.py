@@ -18,16 +18,16 @@ _UNITS = (
     "kN", "N", "mN", "daN", "kgf", "mm", "um", "cm", "in", "mV/V", "kg", "g", "t", "lbf", "lb", "V", "mV", "m", "d",
 )  # fmt: skip
 _UNIT = re.compile(r"( *)([A-Za-z]+(?:/[A-Za-z]+)?)(?![A-Za-z/])(.*)", re.DOTALL)
-"""What begins with a word that may be a unit."""
+"""Text that begins with a word that may be a unit."""
 _TOKEN = r"(?P<value>[^0-9]+)"
 _OVERLOADS = frozenset({
     "O", "OL", "O.L", "O.L.", "O/L", "O-L", "OVL", "OVR", "OVER", "OVERLOAD", "OF", "OVF", "HH", "LL", "UL", "UNDER",
 })  # fmt: skip
 _FAULTS = frozenset({"E", "ERR", "ERROR", "FAIL", "FAULT", "OPEN", "NC", "BREAK"})
 _OVERLOAD_MARKS = frozenset("^_=*<>-")
-"""Characters of which displays fill the number's place when there is none."""
+"""Characters that displays show instead of a missing number."""
 MOST_STATUSES, LONGEST_STATUS = 6, 8
-"""More texts, or longer ones, than a line's status has."""
+"""Maximum length and number of the texts of a status."""
 _START = b"\x02"
 
 
@@ -77,7 +77,7 @@ def _shape(text: str) -> int:
 
 
 def _described(texts: Sequence[str], numbers: int, begun: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
-    """The format of lines with so many numbers each; `begun` are entries that it has already."""
+    """Format of lines with a given count of numbers; `begun` contains the entries determined so far."""
     table = _with_checksum(texts)
     if not numbers and table is None:
         return None
@@ -125,7 +125,7 @@ def _reading(columns: Sequence[Sequence[str]]) -> int:
 
 
 def _behind(between: Sequence[str], table: dict[str, Any]) -> str:
-    """A pattern for what stands behind the reading: its unit, where all lines have the same one, and the rest."""
+    """Pattern for the text after the reading: its unit, if all lines have the same unit, and the rest."""
     parts = [_UNIT.fullmatch(text) for text in between]
     units = {part[2] for part in parts if part is not None}
     if None in parts or len(units) != 1 or not units <= set(_UNITS):
@@ -143,9 +143,9 @@ def _escaped(text: str) -> str:
 
 
 def _literal(between: Sequence[str], table: dict[str, Any]) -> str:
-    """A pattern for what stands between two numbers; texts that say something become the line's status.
+    """Pattern for the text between two numbers; varying words become the status of the line.
 
-    A status that was not heard, such as that of an overload, then makes a damaged line and not a reading.
+    A line with a status that was not received before, such as an overload, is then damaged and not a reading.
     """
     texts = set(between)
     if len(texts) == 1:
@@ -165,7 +165,7 @@ def _literal(between: Sequence[str], table: dict[str, Any]) -> str:
 
 
 def _statuses(texts: Collection[str]) -> str:
-    """The group of a status; blanks that all of its texts have stand outside."""
+    """Group for a status; blanks common to all its texts are outside the group."""
     before = min(len(text) - len(text.lstrip(" ")) for text in texts)
     inner = [text[before:] for text in texts]
     after = min(len(text) - len(text.rstrip(" ")) for text in inner)
@@ -174,7 +174,7 @@ def _statuses(texts: Collection[str]) -> str:
 
 
 def _status(word: str) -> str:
-    """What a status most likely means; a word that is not known means that all is well, as most lines are."""
+    """Most likely meaning of a status; an unknown word means "ok", as on most lines."""
     return _meaning(word) or "ok"
 
 
@@ -187,7 +187,7 @@ def _meaning(word: str) -> str:
 
 
 def _add_tokens(table: dict[str, Any], others: Sequence[str]) -> None:
-    """Texts in place of the number, of lines that are otherwise as described: overload, or a fault."""
+    """Texts that replace the number on otherwise matching lines: overload or fault."""
     pattern: str = table["pattern"]
     begin = pattern.index("(?P<value>")
     end = _end_of_group(pattern, begin)
@@ -203,10 +203,10 @@ def _add_tokens(table: dict[str, Any], others: Sequence[str]) -> None:
 
 
 def _end_of_group(pattern: str, begin: int) -> int:
-    """Behind the parenthesis that closes the one at `begin`.
+    """Position after the parenthesis that closes the one at `begin`.
 
     Raises:
-        ValueError: none does.
+        ValueError: there is no closing parenthesis.
     """
     depth = 0
     for at in range(begin, len(pattern)):

@@ -33,7 +33,7 @@ NUMBERS = {
 """How a number may be written."""
 SIGNS = ("leading", "trailing", "separate")
 ENCODINGS = ("ascii", "latin-1", "cp437")
-"""Of characters above 7F, such as the signs for degree and micro; one byte each."""
+"""Encodings of characters above 7F, such as the degree and micro signs; one byte each."""
 MOST_DECIMALS = 9
 STATUSES = {"ok": 0, "overload": STATUS_OVERLOAD, "fault": STATUS_SENSOR_FAULT}
 _NO_CLOCK = -1
@@ -48,7 +48,7 @@ class LineFormat:
         name: as in the bench file.
         pattern: regular expression for the line without start and terminator; it must match all of it. Group `value`
             is the number; groups `sign`, `unit`, `status`, `decimals` and `checksum` are optional.
-        encoding: of its characters, one of `ENCODINGS`.
+        encoding: of the characters, one of `ENCODINGS`.
         start: bytes that begin a line, b"" where nothing does; what comes before them is dropped.
         terminator: bytes that end a line, e.g. b"\r\n".
         number: how the number is written, a key of `NUMBERS`.
@@ -195,10 +195,10 @@ class LineFormat:
             raise RemoteProtocolError(f"{self.name}: the meaning of status {text!r} is not defined") from None
 
     def _places(self, text: str | None) -> int:
-        """Decimal places that the line states.
+        """Number of decimal places stated by the line.
 
         Raises:
-            RemoteProtocolError: it states none, or more than `MOST_DECIMALS`.
+            RemoteProtocolError: the number is missing or exceeds `MOST_DECIMALS`.
         """
         stated = (text or "").strip()
         if not (stated.isascii() and stated.isdigit() and int(stated) <= MOST_DECIMALS):

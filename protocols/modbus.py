@@ -72,7 +72,7 @@ def write_request(address: int, words: Sequence[int], function: int = WRITE) -> 
 
     Args:
         address: first register or coil.
-        words: 1..123 registers, or coils 0 and 1; of function 22 the mask of the bits that stay, and the other bits.
+        words: 1..123 registers or coils (0 or 1); for function 22, the mask of the unchanged bits and the other bits.
         function: 5, 6, 15, 16 or 22.
     """
     if function == MASK_WRITE:

@@ -24,7 +24,7 @@ MOST_REGISTERS = 125
 _TRANSACTION = bytes([0, 1, 0, 0])
 """Transaction and protocol identifier: requests go out one at a time, so that all may have the same."""
 OTHERS = ("status", "decimals")
-"""Tables with a register of their own, read with the reading."""
+"""Tables that describe a separate register, read together with the reading."""
 _CRC = "crc16-modbus"
 
 

@@ -65,7 +65,7 @@ def _with_base(table: Table, problems: list[Problem]) -> Table:
 
 
 def kind_of(table: Table) -> str:
-    """What a table describes, "frames", "lines", "modbus" or "can": as stated, or by keys that only one of them has."""
+    """Kind of format of a table ("frames", "lines", "modbus" or "can"): as stated, or inferred from its keys."""
     table = _with_base(table, [])
     stated = table.get("kind")
     if isinstance(stated, str) and stated in KINDS:

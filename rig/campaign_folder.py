@@ -67,7 +67,7 @@ class CampaignFolder:
     """Folder of the points' files."""
 
     cache = _Inside("cache")
-    """Folder of what was computed once from the points' files (`rig.recording.point_cache`); may be deleted."""
+    """Folder of results cached for each point (`rig.recording.point_cache`); may be deleted."""
     fit = _Inside("fit.json")
     characteristics = _Inside("characteristics.json")
     report = _Inside("report.html")
@@ -105,7 +105,7 @@ class CampaignFolder:
 
     @property
     def evaluated(self) -> list[Path]:
-        """Files that evaluations read: the points, and what describes them and the fit; only those that exist."""
+        """Existing files that evaluations read: the points, their descriptions and the fit."""
         beside = (self.description, self.bench, self.matrix, self.fit)
         return [*sorted(self.points.glob("*.h5")), *(file for file in beside if file.is_file())]
 

@@ -1,7 +1,7 @@
-"""Where a command learns that damper models are being compiled; `rig.dampers.compiled_cache` reports it.
+"""Notice to a command that damper models are being compiled, given by `rig.dampers.compiled_cache`.
 
-A module of its own, because a command sets it before it is known whether anything is compiled at all: numba is not
-loaded for that.
+This is a separate module, because a command sets the notice before it is known whether anything is compiled; numba is
+not loaded for this.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ TEXT = "Compiling damper models for this computer (first use only, up to 15 s on
 
 @dataclass
 class Notice:
-    """What is done while models are compiled.
+    """Callback for the compilation of models.
 
     Attributes:
-        report: called once in a process with `TEXT`, from another thread; None: nothing is reported.
-        after_s: time spent on compiling, in all, after which it is called (s).
+        report: called once per process with `TEXT`, from another thread; None: nothing is reported.
+        after_s: total compilation time after which `report` is called (s).
     """
 
     report: Callable[[str], None] | None = None

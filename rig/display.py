@@ -157,7 +157,7 @@ class Display:
 
     @property
     def usual(self) -> bool:
-        """Whether every number is shown as without `[display]`."""
+        """Whether `[display]` changes no number."""
         return replace(self, paper=SI.paper) == SI
 
     def to_json(self) -> dict[str, str]:

@@ -32,7 +32,7 @@ class RigError(Exception):
         super().__init__(clean_text(message))
 
     def __reduce__(self) -> tuple[Callable[..., RigError], tuple[object, ...]]:
-        """For the way from a worker process: classes of errors take other arguments than their message."""
+        """Support pickling from worker processes: the constructors of error classes take more than the message."""
         return _received, (type(self), self.args, self.__dict__)
 
 

@@ -1,7 +1,7 @@
-"""A sensor on CAN from its table: a signal of a DBC file, or a message laid out by hand; a `BinaryFormat` either way.
+"""Format of a sensor on CAN: a signal in a DBC file or an explicitly described message, as a `BinaryFormat`.
 
-A signal of a DBC file becomes a field of at most eight bytes at its place in the frame, so that decoder, simulated
-sensor and provenance are those of every binary format.
+A DBC signal becomes a field of at most eight bytes at its position in the frame, so the decoder, simulated sensor and
+provenance of binary formats apply.
 """
 
 from __future__ import annotations
@@ -29,20 +29,19 @@ _FD_SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _BYTE_TYPES = {size: name for name, size in SIZES.items() if name.startswith("u")}
 _STANDARD_BITS = 11
 RAW = "value"
-"""Name of the one signal of a message that is laid out by hand."""
+"""Name of the signal in a message that is described without a DBC file."""
 
 Table = Mapping[str, Any]
 
 
 def can_format(table: Table) -> BinaryFormat:
-    """The format of a sensor's CAN message.
+    """Create the format of a sensor's CAN message.
 
     Args:
-        table: plain values by the keys of a format of kind "can" (`rig.files.sensor_format`), each of its type and
-            range; its DBC file as name and text.
+        table: valid entries of a format of kind "can" (`rig.files.sensor_format`); the DBC file as name and text.
 
     Raises:
-        DescriptionProblems: entries contradict each other or the DBC file; every problem with its place.
+        DescriptionProblems: entries contradict each other or the DBC file; lists every problem with its key.
     """
     problems: list[Problem] = []
     made = _of_dbc(table, problems) if "dbc" in table else _by_hand(table, problems)
@@ -52,7 +51,7 @@ def can_format(table: Table) -> BinaryFormat:
 
 
 def _of_dbc(table: Table, problems: list[Problem]) -> BinaryFormat | None:
-    """A signal of a message of a DBC file."""
+    """The format of a signal in a DBC file."""
     for key in ("id", "length", "extended", "order", "fields", "checksum", "checksum_at", "checksum_over", "j1939"):
         if key in table:
             problems.append(((key,), "cannot be combined with dbc, because the DBC file defines this"))
@@ -89,7 +88,7 @@ def _of_dbc(table: Table, problems: list[Problem]) -> BinaryFormat | None:
 
 
 def _by_hand(table: Table, problems: list[Problem]) -> BinaryFormat | None:
-    """A message by its identifier and the places of its numbers."""
+    """The format of a message described by its identifier and the positions of its numbers."""
     for key, what in (
         ("id", "it states the identifier of the message, such as id = 0x181"),
         ("length", "it states the number of data bytes of the message"),
@@ -159,7 +158,7 @@ def _format(
 
 
 def _request(table: Table, frame: CanFrame, problems: list[Problem]) -> bytes:
-    """What is sent for each reading; nothing where the sensor sends by itself."""
+    """The request for each reading; empty if the sensor sends without requests."""
     given = table.get("request")
     if given is None:
         return b""
@@ -179,7 +178,7 @@ def _request(table: Table, frame: CanFrame, problems: list[Problem]) -> bytes:
 def _frame(
     table: Table, message: DbcMessage, protection: Protection, chosen: Found | None, problems: list[Problem]
 ) -> CanFrame:
-    """The message; J1939 messages are known as those of the ECU are."""
+    """The message; J1939 messages are identified in the same way as those of the ECU."""
     address = table.get("source_address")
     by_group = message.any_address or (message.extended and (address is not None or (chosen is None and message.j1939)))
     if address is not None and not message.extended:
@@ -208,7 +207,7 @@ def _protection(reading: Reading, message: DbcMessage, table: Table) -> Protecti
 
 
 def _status(reading: Reading, message: DbcMessage, given: Mapping[str, Any]) -> dict[str, Field]:
-    """The signal of the same message that states the condition of the sensor."""
+    """The signal in the same message that indicates the condition of the sensor."""
     name = given["signal"].removeprefix(f"{message.name}.")
     chosen = reading.signal(message, name, ("status", "signal"))
     field = None if chosen is None else _field(reading, chosen, ("status", "signal"))
@@ -218,7 +217,7 @@ def _status(reading: Reading, message: DbcMessage, given: Mapping[str, Any]) -> 
 
 
 def _meaning(reading: Reading, chosen: Found, given: Mapping[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
-    """The numbers that are no readings: raw numbers, or names of values in the DBC file."""
+    """Values that are not readings, as raw numbers or value names in the DBC file."""
     made: dict[str, Any] = {
         key: tuple(sorted(reading.numbers(given[key], chosen, (*place, key))))
         for key in ("overload_values", "fault_values") if key in given
@@ -230,7 +229,7 @@ def _meaning(reading: Reading, chosen: Found, given: Mapping[str, Any], place: t
 
 
 def _field(reading: Reading, chosen: Found, place: tuple[str, ...]) -> Field | None:
-    """A signal as a number in the bytes that hold it."""
+    """A signal as a field of whole bytes."""
     signal, size = chosen.signal, chosen.message.size
     bits = sorted(bit // 8 for bit in signal.bits(size))
     first, last = bits[0], bits[-1]
@@ -252,7 +251,7 @@ def _field(reading: Reading, chosen: Found, place: tuple[str, ...]) -> Field | N
 
 
 def _low_bit(signal: Signal, size: int, first: int, last: int) -> int:
-    """Its lowest bit in the number that its bytes make."""
+    """Lowest bit of the signal in the number formed by its bytes."""
     return signal.shift(size) - 8 * (size - 1 - last if signal.big_endian else first)
 
 

@@ -138,11 +138,11 @@ class EcuDescription:
 
     @cached_property
     def heard_groups(self) -> frozenset[int]:
-        """J1939 parameter groups that are read from any address."""
+        """J1939 parameter groups that are accepted from any address."""
         return frozenset(parameter_group(key) for key, message in self.heard.items() if message.by_group)
 
     def hears(self, identifier: int, extended: bool) -> bool:
-        """Whether a frame is of a message that is read."""
+        """Whether a frame belongs to a message that is read."""
         if extended and parameter_group(identifier) in self.heard_groups:
             return True
         return (identifier | EXTENDED if extended else identifier) in self.heard

@@ -28,7 +28,7 @@ _MEASURES = {
 _BASE = {"current": ("A", 1.0), "temperature": ("degC", 1.0), "voltage": ("V", 1.0), "time": ("us", 1e6)}
 """Unit in which the driver has a quantity, and how many of it are one SI unit."""
 SCALING = ("scale", "offset")
-"""Keys of a role whose signal has another scale than the DBC states: value = scale * DBC's value + offset."""
+"""Keys of a role that rescales its signal: value = scale * value according to the DBC file + offset."""
 SHARES = ("%", "percent")
 """Units of a current that is a share of `full_scale`."""
 
@@ -158,7 +158,7 @@ class Reading:
         return None
 
     def in_unit(self, named: Found, dimension: str, table: Mapping[str, Any], place: Place) -> Found | None:
-        """The signal in A, degC, V or us, whatever unit and scale the DBC has for it."""
+        """The signal converted to A, degC, V or us from the unit and scale in the DBC file."""
         named = _scaled(named, table.get("scale", 1.0), table.get("offset", 0.0))
         signal, units = named.signal, _UNITS[dimension]
         unit = table.get("unit", signal.unit)
@@ -189,7 +189,7 @@ class Reading:
 
 
 def _scaled(named: Found, factor: float, offset: float) -> Found:
-    """The signal whose value is `factor` times that of the DBC, and `offset` more; its limits likewise."""
+    """The signal with its value and limits rescaled: `factor` times the value in the DBC file plus `offset`."""
     signal, given = named.signal, named.given
     ends = [None if end is None else end * factor + offset for end in (given.minimum, given.maximum)]
     if factor < 0.0:

@@ -90,13 +90,13 @@ def _fits(last: Read, quantity: Quantity, rules: Rules) -> bool:
 
 @dataclass(frozen=True)
 class Written:
-    """One request that writes.
+    """One write request.
 
     Attributes:
-        function: its code.
+        function: Modbus function code.
         address: first register or coil.
-        words: words or coils.
-        mask: bits of the one word that are written, the others stay; 0: all of them.
+        words: values of the registers or coils.
+        mask: bits of a single word that are written; the other bits do not change; 0: all bits.
     """
 
     function: int
@@ -106,15 +106,15 @@ class Written:
 
 
 def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None) -> tuple[Written, ...]:
-    """The requests that write these values (SI).
+    """Return the requests that write these values (SI).
 
-    Neighbours travel together, where they may be written by function 16 or 15, and so do the bits of one register.
-    Otherwise the order is that of `values`; a run of neighbours comes where its last one stands. The words of a split
-    value travel one by one.
+    Adjacent values are combined if they can be written with function 16 or 15, and so are the bits of one register. The
+    order is otherwise that of `values`; combined values take the position of the last one. The words of a split value
+    are written one by one.
 
     Args:
         values: quantity -> value.
-        span: first and last holding register that travel in one request; unnamed ones are written as 0.
+        span: first and last holding register of one combined request; registers without a value are written as 0.
 
     Raises:
         LocalProtocolError: a value does not fit.
@@ -134,7 +134,7 @@ def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None
 
 
 def _together(before: Quantity, quantity: Quantity) -> bool:
-    """Two quantities that one request can write, the second behind or in the register of the first."""
+    """Whether one request can write two quantities: the second follows the first or shares its register."""
     if before.space != quantity.space or before.write_function != quantity.write_function:
         return False
     if before.bit is not None or quantity.bit is not None:

@@ -54,15 +54,15 @@ class Words:
 
 @dataclass(frozen=True)
 class Recipes:
-    """What is written when.
+    """Sequences of writes for each purpose.
 
     Attributes:
-        commands: the steps of each command that the device has.
-        setpoint: each set-point; empty where the device has a generator of its own.
-        while_off: set-points may be sent while there is no pressure.
-        feed: feeds the watchdog.
+        commands: the steps of each supported command.
+        setpoint: steps for each set-point; empty if the device has a function generator.
+        while_off: whether set-points may be sent without pressure.
+        feed: writes that feed the watchdog.
         table: loads `table_values` samples of a table waveform.
-        watchdog_s: after how long the watchdog trips (s); 0: not stated.
+        watchdog_s: time after which the watchdog trips (s); 0: not stated.
         watchdog_tested: the pressure at which it works: "off", "low" or "on".
     """
 
@@ -110,7 +110,7 @@ class ControllerMap:
 
     @cached_property
     def setpoint_waits(self) -> bool:
-        """A set-point is handed over step by step, with an acknowledgement of the device."""
+        """Whether a set-point is transferred in steps, with an acknowledgement by the device."""
         return not all(isinstance(step, Write) for step in self.recipes.setpoint)
 
     @cached_property

@@ -19,16 +19,16 @@ MOST = 123
 
 @dataclass(frozen=True)
 class Indirect:
-    """The list of addresses and where their contents are.
+    """A list of register addresses, and the registers that mirror their contents.
 
     Attributes:
-        space: of the contents.
+        space: register type of the contents.
         pointers: first holding register of the list.
         data: first register of the contents.
-        quantities: whose registers are listed, in order.
-        pointer_registers: registers that one entry of the list takes: 1, or 2 with the high word first.
-        by_value: the list has an entry for each value, its first register, and the device shows all of its registers.
-        pointer_offset: added to an address for its entry.
+        quantities: owners of the listed registers, in order.
+        pointer_registers: registers per entry of the list: 1, or 2 with the high word first.
+        by_value: whether the list contains only the first register of each value, and the device mirrors all of them.
+        pointer_offset: offset added to each address in the list.
     """
 
     space: str
@@ -41,7 +41,7 @@ class Indirect:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """The entries: an address for each register of each quantity, or for each quantity."""
+        """Entries of the list: one address for each register, or for each quantity."""
         return tuple(
             address + self.pointer_offset
             for one in self.quantities for address in (one.cells[:1] if self.by_value else one.cells)
@@ -49,17 +49,17 @@ class Indirect:
 
     @property
     def sources(self) -> tuple[int, ...]:
-        """The register that each register of the contents shows, in order."""
+        """The register mirrored by each register of the contents, in order."""
         return tuple(address for one in self.quantities for address in one.cells)
 
     def entry_of(self, place: int) -> tuple[int, int]:
-        """Which entry of the list a register of the contents is shown by, and how far behind the entry's address it is.
+        """List entry that selects a register of the contents, and the register's offset from its address.
 
         Args:
-            place: of the register, counted from the first of the contents.
+            place: index of the register in the contents.
 
         Raises:
-            IndexError: beyond the last.
+            IndexError: the index is beyond the last register.
         """
         if not self.by_value:
             return place, 0

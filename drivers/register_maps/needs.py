@@ -57,7 +57,7 @@ def _plays(start: Recipe, words: Words, waveform: Waveform) -> bool:
 
 
 def _only_triangles(words: Words) -> bool:
-    """The function generator goes between two points at one speed."""
+    """Whether the function generator only moves between two points at constant speed."""
     return int(Waveform.TRIANGLE) in words.waveforms.codes and int(Waveform.SINE) not in words.waveforms.codes
 
 
@@ -99,7 +99,7 @@ def check(source: Kept, quantities: Quantities, words: Words, recipes: Recipes, 
 
 
 def _tested(source: Kept, commands: Mapping[Command, Recipe], watchdog: WatchdogKind, tested: str) -> None:
-    """A watchdog that is tested under pressure is tested where this host can take the pressure away."""
+    """Check that this host can switch off the pressure at which the watchdog is tested."""
     if tested == "off":
         return
     place = ("watchdog", "tested")

@@ -1,10 +1,10 @@
-"""One value in a device's registers or coils: where it lies, and how its words become a number and back.
+"""One value in a device's registers or coils: its location, and the conversion between words and number.
 
     number in its unit = raw x scale + offset        SI = number in its unit x the unit's factor
 
-A value of more registers has its high word first (`word_order` "big") or last; within a register the high byte comes
-first (`byte_order` "big", as Modbus has it) or last. The registers of a split value are not adjacent. A text holds two
-characters a register, padded with zeros or blanks. A BCD number has a decimal digit in every four bits.
+A value with several registers has its high word first (`word_order` "big") or last; within a register, the high byte is
+first (`byte_order` "big", as in Modbus) or last. The registers of a split value are not adjacent. A text has two
+characters per register, padded with zeros or blanks. A BCD number has one decimal digit in every four bits.
 """
 
 from __future__ import annotations
@@ -44,23 +44,23 @@ LAST_ADDRESS = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A value by name.
+    """A named value.
 
     Attributes:
         space: "holding", "input", "coil" or "discrete".
-        address: first register or coil as it goes over the wire, 0..65535.
+        address: first register or coil, as transmitted, 0..65535.
         length: registers of one value; 1 for a coil.
-        values: how many of it follow each other; more than 1 only for the samples of a table.
+        values: number of consecutive values; more than 1 only for the samples of a table.
         scale, offset: from the raw number to the number in its unit.
         factor: from its unit to SI.
-        measures: what its unit measures, "length", "speed" ...; empty without a unit.
-        bit: which bit of the register it is, where it is only one; None: the whole register.
-        whole: it is a whole number or a bit, neither scaled nor in a unit: it stays one.
-        read, written: the host may.
-        write_function: 5, 6, 15 or 16; 22 for a single bit. A bit that is written by 6 or 16 is put into the word that
-            is read before.
-        places: of a split value, where each of its registers is behind `address`, the highest word first; empty where
-            the registers are adjacent.
+        measures: dimension of its unit, such as "length" or "speed"; empty without a unit.
+        bit: number of the bit, if the value is a single bit; None: the whole register.
+        whole: whether it is an integer or a bit without scale or unit.
+        read, written: whether the host may read or write it.
+        write_function: 5, 6, 15 or 16; 22 for a single bit. With 6 or 16, a bit is inserted into the word that was read
+            before.
+        places: offsets of the registers of a split value from `address`, highest word first; empty if they are
+            adjacent.
     """
 
     name: str
@@ -91,14 +91,14 @@ class Quantity:
 
     @property
     def cells(self) -> Sequence[int]:
-        """The addresses of its words, in the order of the words."""
+        """Addresses of the words, in word order."""
         if self.places:
             return [self.address + place for place in self.places]
         return range(self.address, self.end)
 
     @property
     def numbers(self) -> int:
-        """How many raw numbers its registers can hold."""
+        """Number of different raw numbers that its registers can hold."""
         return 10 ** (4 * self.length) if self.type in BCD else 1 << 16 * self.length
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ class Quantity:
         )
 
     def decode(self, words: Sequence[int]) -> Value:
-        """The value (SI) of the words or coils that were read, from `address` up to `end`.
+        """Return the value (SI) of words or coils that were read from `address` to `end`.
 
         Raises:
             RemoteProtocolError: a word is not 16 bit, a text is not ASCII, or a BCD digit is above 9.
@@ -163,7 +163,7 @@ class Quantity:
         return number if self.whole else self._si(number)
 
     def _digits(self, raw: bytes) -> int:
-        """The number of BCD digits.
+        """The number that BCD digits represent.
 
         Raises:
             RemoteProtocolError: a digit is above 9.
@@ -178,10 +178,10 @@ class Quantity:
         return shown if self.factor == 1.0 else shown * self.factor
 
     def encode(self, value: Value) -> list[int]:
-        """The words, in the order of `cells`, or the coil, that hold a value (SI); of a bit, the word with it alone.
+        """Return the words (in the order of `cells`) or coil for a value (SI); for a bit, a word with only it.
 
         Raises:
-            LocalProtocolError: it does not fit.
+            LocalProtocolError: the value does not fit.
         """
         if isinstance(value, str):
             raise self._unfit(value, "got a string, expected a number")
@@ -205,10 +205,10 @@ class Quantity:
         return words if self.word_order == "big" else words[::-1]
 
     def _raw(self, number: int) -> int:
-        """A whole number as the bits of the registers.
+        """An integer as the bits of the registers.
 
         Raises:
-            OverflowError: it has more digits than a BCD number can hold, or a sign.
+            OverflowError: a BCD number is negative or has too many digits.
         """
         if self.type not in BCD:
             return number

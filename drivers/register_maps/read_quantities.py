@@ -187,7 +187,7 @@ def _check(quantity: Quantity, entry: Table) -> None:
 
 
 def _check_split(quantity: Quantity, entry: Table, modbus: Modbus) -> None:
-    """The registers of a split value are read by one request: read one after the other, the value could be torn."""
+    """Check that one request reads a split value; otherwise its words could belong to different values."""
     if not quantity.places or not quantity.read:
         return
     rules, first = modbus.rules, modbus.first_address[quantity.space]

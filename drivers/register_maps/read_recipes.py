@@ -45,7 +45,7 @@ KINDS = ("counter", "keep-alive", "setpoints", "none")
 TESTED = ("off", "low", "on")
 """Pressures at which a watchdog may be tested."""
 LONGEST_SETPOINT_S = 0.1
-"""The steps of a set-point hold up the poll that a stop may be waiting for."""
+"""Longest total wait in the steps of a set-point (s), because a stop may have to wait for the poll."""
 
 
 class Recipes:

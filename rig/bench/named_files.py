@@ -57,11 +57,11 @@ def _with_path(entry: tuple[str, str], value: Any, folder: Path) -> Any:  # noqa
 
 
 def named(data: Mapping[str, Any], folder: Path = Path()) -> Iterator[tuple[tuple[str, str], str]]:
-    """Each entry that names a file, and the name as it is written; of a sensor's format also the file that it names.
+    """Each entry that names a file, with the name as written; also files named in the format of a sensor.
 
     Args:
-        data: a bench file's.
-        folder: from which the names in it lead.
+        data: content of a bench file.
+        folder: that relative names start from.
     """
     for entry in ENTRIES:
         table, key = entry
@@ -74,7 +74,7 @@ def named(data: Mapping[str, Any], folder: Path = Path()) -> Iterator[tuple[tupl
 
 
 def _network(given: object, folder: Path) -> str:
-    """The network description that a sensor's format names, as a name from the bench file's folder; empty for none."""
+    """Network description named in a sensor's format, relative to the bench file; empty if there is none."""
     if isinstance(given, Mapping):
         return str(given[NETWORK]) if is_dbc(given.get(NETWORK)) else ""
     if not (isinstance(given, str) and given.casefold().endswith(".toml")):

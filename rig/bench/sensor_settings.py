@@ -239,20 +239,20 @@ class SensorConfig(Settings):
 
     @property
     def bus(self) -> CanAddress | None:
-        """Where its CAN bus is; None for a sensor at a port."""
+        """CAN bus of the sensor; None for a sensor on a port."""
         if self.url is not None or self.interface is None or self.channel is None:
             return None
         return CanAddress(self.interface, self.channel, self.bitrate, self.interface_options)
 
     @property
     def port(self) -> str:
-        """Where it is: its port, or its CAN bus as `EcuConfig.port` names one."""
+        """Port of the sensor, or its CAN bus in the notation of `EcuConfig.port`."""
         bus = self.bus
         return self.url or "" if bus is None else bus.text
 
     @property
     def reading(self) -> object | None:
-        """What it reads of a connection that sensors can share, its registers or signal; None: not shareable."""
+        """Registers or signal that the sensor reads on a shared connection; None: not shareable."""
         table = self.described
         if is_can(table):
             made = described_format(table)
@@ -313,7 +313,7 @@ class SensorConfig(Settings):
             )
 
     def _link_problems(self) -> Iterator[Problem]:
-        """A sensor on CAN has interface and channel, any other a port."""
+        """Check that a sensor has either a port or (on CAN) interface and channel."""
         if is_can(self.described):
             if self.url is not None:
                 yield ("url",), "the format is a CAN message. Fix: specify interface and channel instead of url"

@@ -211,12 +211,12 @@ class ActuatorConfig(Settings):
 
     @property
     def makes_sines(self) -> bool:
-        """It moves in sines, not in triangles alone."""
+        """Whether it can generate sines (not only triangles)."""
         return self.capabilities.sine
 
     @property
     def watchdog_tested(self) -> str:
-        """The pressure at which its watchdog works and is tested: "off", "low" or "on"."""
+        """Pressure at which the watchdog works and is tested: "off", "low" or "on"."""
         return self.capabilities.watchdog_tested
 
     def problems(self) -> Iterator[Problem]:
@@ -359,7 +359,7 @@ class EcuConfig(Settings):
 
     @property
     def bus(self) -> CanAddress:
-        """Where the CAN bus of a current controller is."""
+        """CAN bus of the current controller."""
         return CanAddress(self.interface or "", self.channel or "", self.bitrate, self.interface_options)
 
     @property

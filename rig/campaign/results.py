@@ -52,7 +52,7 @@ class CampaignOptions:
         confirmed: codes of the stops whose causes the operator has confirmed before resuming; None: resuming confirms
             all of them, as at the terminal, where they are printed.
         planned: `plan_digest` of the plan that the operator saw on a page; empty: none.
-        files: matrix, bench and the files that they name, as they were first read: those bytes are run and kept.
+        files: contents of the matrix, the bench file and the files that they name; these bytes are run and stored.
     """
 
     matrix_path: Path

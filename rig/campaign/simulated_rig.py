@@ -25,7 +25,7 @@ from rig.recording.atomic_write import open_to_append, room_for_truth
 
 SLOW_START_S = 3.0
 START_TIMEOUT_S = 180.0
-"""Without any processor time; the first start on a machine compiles its loop: 8 s, 45 s on two busy cores."""
+"""Time without any CPU use (s); the first start on a computer compiles the loop: 8 s, or 45 s on two busy cores."""
 STOP_TIMEOUT_S = 60.0
 EARLIER_RIG_S = 120.0
 """How long a simulated rig whose campaign was killed may need to come to rest and complete its truth file."""

@@ -1,4 +1,4 @@
-"""Characteristics of recorded loops, kept beside the points: each loop is evaluated once."""
+"""Cached characteristics of recorded loops: each loop is evaluated only once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MEASURED = {one.name for one in fields(LoopCharacteristics) if one.type == "Meas
 
 
 def kept_loop(point: RecordedPoint, measured: Measurement) -> LoopCharacteristics:
-    """`characterise_loop`, as kept if it was made from the same data by the same code; else made and kept.
+    """Return the cached result of `characterise_loop` for the same data and code, or compute and cache it.
 
     Raises:
         RigError: too little of the point can be used; the message says why.
@@ -39,7 +39,7 @@ def kept_loop(point: RecordedPoint, measured: Measurement) -> LoopCharacteristic
 
 
 def _digest(measured: Measurement) -> str:
-    """SHA-256 of a measurement, whatever it was made from."""
+    """SHA-256 of a measurement, independent of its source."""
     digest = hashlib.sha256()
     for one in fields(measured):
         value = getattr(measured, one.name)

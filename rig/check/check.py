@@ -56,19 +56,19 @@ Report = Callable[[str], None]
 
 @clock.restored()
 def check_bench(bench: Bench, folder: Path, report: Report, *, prove: bool = False) -> CheckReport:
-    """Look at every device of a bench.
+    """Check every device of a bench.
 
-    Without `prove` nothing moves and no current flows; the watchdog is starved only where there is no pressure. One
-    that works only under pressure is starved only with `prove`.
+    Without `prove`, nothing moves, no current flows, and the watchdog is tested only without pressure. A watchdog that
+    works only under pressure is tested only with `prove`.
 
     Args:
         bench: the rig.
         folder: an empty one, for the station's files and log.
-        report: called with what is being done, as text.
-        prove: starve the watchdog and move the rod by 2 mm, at 10 mm/s and 0 A, where nothing has failed before.
+        report: called with a description of each step.
+        prove: test the watchdog and move the rod by 2 mm, at 10 mm/s and 0 A, if no check has failed before.
 
     Returns:
-        What was found, also when nothing answers.
+        The findings, even if no device answers.
 
     Raises:
         Refused: the station does not start, or a campaign holds one of the devices.

@@ -76,10 +76,10 @@ def command(
 
 
 def _refuse_page(count: int, most: int, *, requested: bool) -> None:
-    """Refuse a page of too many runs.
+    """Reject a page with too many runs.
 
     Raises:
-        UsageError: it was requested.
+        UsageError: a page of too many runs was requested.
     """
     if requested:
         raise click.UsageError(f"--out and --pdf: got {count} runs, expected at most {most}. Fix: omit these options")

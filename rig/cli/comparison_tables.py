@@ -41,7 +41,7 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
 
 
 def _checked_runs(compared: Comparison) -> Blocks:
-    """A row for each run: its verdict, and the value with the smallest margin."""
+    """One row per run: its verdict, and the value with the smallest margin."""
     if compared.judgement is None:
         return []
     by_run: dict[str, list[Result]] = {run.name: [] for run in compared.runs}
@@ -62,7 +62,7 @@ def _checked_runs(compared: Comparison) -> Blocks:
 
 
 def _first_remarks(compared: Comparison) -> Blocks:
-    """Some of the remarks on many runs."""
+    """The first remarks on a comparison of many runs."""
     remarks = compared.remarks
     blocks: Blocks = [Note(FAIR, f"remark: {remark}") for remark in remarks[:MOST_RUNS]]
     if len(remarks) > MOST_RUNS:

@@ -1,4 +1,4 @@
-"""The examples at the end of a help text; `rig --help` loads this module and no option of any command."""
+"""Examples at the end of a help text; a separate module, so `rig --help` does not load the commands' options."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import re
 import click
 
 WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
-"""Of a command; an option and its value are one."""
+"""A word of a command; an option and its value count as one word."""
 ON = " \\"
 
 
 def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) -> None:
-    """Print examples in a help text as they are typed; a long one goes on behind a backslash, as a shell reads it."""
+    """Print examples in a help text; long ones are continued after a backslash, as in a shell."""
     with formatter.section("Example" if len(examples) == 1 else "Examples"):
         for example in examples:
             room = formatter.width - formatter.current_indent
@@ -21,7 +21,7 @@ def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) ->
 
 
 def continued(command: str, width: int) -> list[str]:
-    """A command on lines of at most `width` signs where its words allow it, each but the last with a backslash."""
+    """Split a command into lines of at most `width` characters, if possible, with a backslash at each line end."""
     if len(command) <= width:
         return [command]
     lines = [""]

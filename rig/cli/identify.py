@@ -197,10 +197,10 @@ def command(
 
 @contextmanager
 def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOptions]:
-    """The options, with a scheduler's workers where there is one.
+    """Return the options, with the workers of a scheduler if one is specified.
 
     Raises:
-        UsageError: the fit has no parts that workers could compute.
+        UsageError: the fit has no parts for workers.
     """
     # loads all algorithms and numpy: not needed for the help
     from rig.optimisers import METHODS
@@ -224,10 +224,10 @@ def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOpti
 def _each(
     runs: tuple[Path, ...], options: FitOptions, scheduler: str | None, *, suspect: bool, as_json: bool
 ) -> int:
-    """Fit the runs separately; the progress on the standard error.
+    """Fit the runs separately, with progress on standard error.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C; the runs that are left are named.
+        KeyboardInterrupt: Ctrl-C; the message states how many runs were fitted.
         WorkersFailed: likewise.
     """
     # loads numpy: not needed for the help
@@ -259,7 +259,7 @@ def _each(
 
 
 def _table_of(fits: Sequence[RunFit]) -> list[Block]:
-    """One row a run, and why runs could not be fitted."""
+    """One row per run, and the reasons why runs could not be fitted."""
     head = [
         Column("run"), Column("model"), Column("error, % of force amplitude", "", True),
         Column("fits within measurement noise"),

@@ -124,10 +124,10 @@ def _refuse_bench(captured: Path) -> None:
 
 
 def _can_log(port: str | None, options: Mapping[str, Any]) -> CanLog | None:
-    """What a bus or a log holds; None where there are bytes of a sensor.
+    """Read a bus or a log; None if the source is a byte stream of a sensor.
 
     Raises:
-        NothingHeard: the bus cannot be joined.
+        NothingHeard: the bus cannot be opened.
     """
     from rig.bench.address import INTERFACES
 
@@ -183,7 +183,7 @@ def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sensor_on_bus(source: str, frames: list[CanFrame], options: Mapping[str, Any]) -> dict[str, Any]:
-    """What a sensor's message on a bus shows, by its format.
+    """Readings of a sensor on a bus, decoded with its format.
 
     Raises:
         FileProblem: the format cannot be used, or is not that of a CAN message.
@@ -389,7 +389,7 @@ def _can_words(answer: Mapping[str, Any]) -> list[str]:
 
 
 def _other_frames(answer: Mapping[str, Any]) -> list[str]:
-    """Remote frames, error frames, and lines that are no frames."""
+    """Lines on remote frames, error frames and lines that are not frames."""
     lines = [
         f"remote frames: {one['frames']} for {one['identifier']:03X} (a node requests this identifier)"
         for one in answer["remote_frames"]

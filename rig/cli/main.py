@@ -207,7 +207,7 @@ def answered(command: click.Command, arguments: Sequence[str], name: str) -> int
 
 
 def _say_on_the_side(text: str) -> None:
-    """A line on standard error; a closed terminal does not prevent the command."""
+    """Write a line to standard error; a closed terminal does not stop the command."""
     with contextlib.suppress(OSError):
         say(text, err=True)
 

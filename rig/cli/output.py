@@ -56,15 +56,15 @@ def status_line(console: Console, text: str) -> Iterator[None]:
 
 
 class JobBar(Protocol):
-    """Shows how many jobs are done; what `job_bar` yields."""
+    """Shows the number of finished jobs; yielded by `job_bar`."""
 
     def __call__(self, done: int, total: int, left_s: float | None = None, doing: str = "") -> None:
-        """Jobs done, jobs in total, seconds left where that is known, what is being done where that has changed."""
+        """Show the finished and total jobs, the time left (s) if known, and the current work if it has changed."""
 
 
 @contextmanager
 def job_bar(what: str) -> Iterator[JobBar]:
-    """A bar on the standard error with the number of finished jobs and the time left."""
+    """Progress bar on standard error with the number of finished jobs and the time left."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     from rig.jobs.time_left import duration  # not needed for the help

@@ -73,10 +73,10 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
 
 @contextmanager
 def _resumable(folder: Path) -> Iterator[None]:
-    """After Ctrl-C, or without workers, a message on what is kept and how to continue.
+    """After Ctrl-C or a failure of the workers, add a message on the stored results and how to continue.
 
     Raises:
-        KeyboardInterrupt: Passed on, with that text.
+        KeyboardInterrupt: Passed on, with this message.
         WorkersFailed: Likewise.
     """
     kept = f"finished results are kept in {folder}; run the same command again to continue the study"
@@ -89,7 +89,7 @@ def _resumable(folder: Path) -> Iterator[None]:
 
 
 def _followed(show_progress: JobBar) -> Callable[[StudyProgress], None]:
-    """What a study calls with its progress."""
+    """Function that a study calls with its progress."""
     return lambda progress: show_progress(progress.done, progress.total, progress.seconds_left, progress.doing)
 
 

@@ -32,7 +32,7 @@ from rig.signals.test_set import MOTION_SHARE
 from rig.test_point import SIGNAL
 
 MOST_RUNS = 12
-"""Runs that are shown next to each other; more are only checked against acceptance bands."""
+"""Maximum number of runs shown side by side; more runs are only checked against acceptance bands."""
 MOST_CHECKED = 1000
 NEARBY = 0.2
 """Relative difference of two motions, up to which it is worth reporting that they are not compared."""
@@ -262,15 +262,15 @@ class Comparison:
 def compare(
     runs: Sequence[Path | str | Run], bands: Path | str | None = None, workers: Workers = HERE
 ) -> Comparison:
-    """Put runs beside each other.
+    """Compare runs.
 
     Args:
-        runs: campaigns, or their directories; the first is the reference. One alone needs `bands`.
+        runs: campaigns, or their directories; the first is the reference. A single run needs `bands`.
         bands: acceptance bands file.
-        workers: evaluate the runs that are given by their directories.
+        workers: evaluate the runs that are specified by their directories.
 
     Raises:
-        RigError: one run without bands, or more than 12 (with bands more than 1,000).
+        RigError: a single run without bands, or more than 12 runs (with bands, more than 1,000).
         FileProblem: a run or the bands file cannot be used.
     """
     limits = None if bands is None else load_bands(bands)
@@ -286,7 +286,7 @@ def compare(
 
 
 def _read(runs: Sequence[Path | str | Run], workers: Workers) -> tuple[RunReadings, ...]:
-    """What every run can be compared by."""
+    """Comparable values of each run."""
     paths = [run for run in runs if not isinstance(run, Run)]
     if workers is HERE or not paths:
         return tuple(readings_of(run if isinstance(run, Run) else Run.open(run)) for run in runs)
@@ -298,7 +298,7 @@ def _read(runs: Sequence[Path | str | Run], workers: Workers) -> tuple[RunReadin
 
 
 def _readings_at(path: Path) -> RunReadings:
-    """In a worker: what a run can be compared by, without the arrays that were read for it."""
+    """In a worker: comparable values of a run, without its arrays."""
     readings = readings_of(Run.open(path))
     points = tuple(replace(point) for point in readings.run.points)
     return replace(readings, run=replace(readings.run, points=points))

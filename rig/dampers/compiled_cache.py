@@ -110,9 +110,9 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def saves_alone(save: Callable[..., None]) -> Callable[..., None]:
-    """`IndexDataCacheFile.save` under the lock of the folder in which it saves.
+    """`IndexDataCacheFile.save` under a lock of its folder.
 
-    An index that cannot be read is begun again. A full disk or a folder that became read-only costs the entry only.
+    An unreadable index is replaced. If the disk is full or the folder has become read-only, only the entry is lost.
     """
 
     @wraps(save)
@@ -133,7 +133,7 @@ def saves_alone(save: Callable[..., None]) -> Callable[..., None]:
 
 
 def loads_what_is_whole(load: Callable[..., Any]) -> Callable[..., Any]:
-    """`IndexDataCacheFile.load`; an entry that cannot be read is none, so that it is compiled and written again."""
+    """`IndexDataCacheFile.load`; an unreadable entry counts as missing, so it is compiled and written again."""
 
     @wraps(load)
     def checked(file: Any, *arguments: Any) -> Any:  # noqa: ANN401 - numba's own
@@ -146,7 +146,7 @@ def loads_what_is_whole(load: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_checksum(dump: Callable[..., bytes]) -> Callable[..., bytes]:
-    """`IndexDataCacheFile._dump`, its CRC-32 behind it: damaged machine code would end the process without a word."""
+    """`IndexDataCacheFile._dump` with a CRC-32 appended, because damaged machine code would crash the process."""
 
     @wraps(dump)
     def checked(file: Any, *arguments: Any) -> bytes:  # noqa: ANN401 - numba's own
@@ -157,10 +157,10 @@ def with_checksum(dump: Callable[..., bytes]) -> Callable[..., bytes]:
 
 
 def by_checksum(load_data: Callable[..., Any]) -> Callable[..., Any]:
-    """`IndexDataCacheFile._load_data` of a file whose checksum is right.
+    """`IndexDataCacheFile._load_data` of a file with a correct checksum.
 
     Raises:
-        ValueError: it is another, or the file is of a version that wrote none.
+        ValueError: the checksum is wrong or (in files of earlier versions) missing.
     """
 
     @wraps(load_data)
@@ -174,7 +174,7 @@ def by_checksum(load_data: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class CompileNotice(Listener):
-    """Reports once, through `NOTICE`, that loops are being compiled and that it takes a while."""
+    """Reports once, through `NOTICE`, that models are being compiled."""
 
     def __init__(self) -> None:
         self._depth, self._began_s, self._spent_s = 0, 0.0, 0.0
@@ -182,7 +182,7 @@ class CompileNotice(Listener):
         self._reported = False
 
     def on_start(self, event: object) -> None:
-        """A function begins, perhaps inside another."""
+        """Compilation of a function starts, possibly within that of another."""
         del event
         self._depth += 1
         if self._depth > 1 or self._reported or NOTICE.report is None:
@@ -193,7 +193,7 @@ class CompileNotice(Listener):
         self._timer.start()
 
     def on_end(self, event: object) -> None:
-        """A function is compiled."""
+        """Compilation of a function has ended."""
         del event
         self._depth -= 1
         if self._depth == 0 and self._timer is not None:

@@ -196,7 +196,7 @@ def kernel_of(model: Integrable) -> Kernel:
 def _mover(kernel: Kernel) -> Compiled:
     """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt).
 
-    What a model does not have is left out: compiling it takes as long as what the model has.
+    Parts that the model does not have are omitted, because compiling them would also take time.
     """
     loop, own_step, fastest_rate = kernel.loop, kernel.step, kernel.fastest_rate
     if kernel.loop is _no_loop and kernel.rates is _no_rates:
@@ -316,8 +316,8 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
 def series_of(model: Integrable) -> Compiled:
     """`force_series` of one model: (p, start, u, v, a, current, dt, warm).
 
-    Only what a call needs is compiled: a model whose hysteresis follows the one curve, or that has no states, needs its
-    force alone.
+    Only the required code is compiled: a model without states, or whose hysteresis follows the single curve, needs only
+    its force.
     """
     loop = getattr(kernel_of(model).loop, "py_func", kernel_of(model).loop)
     states, positions, memories = model.states, model.positions, model.memories
@@ -351,20 +351,20 @@ def series_of(model: Integrable) -> Compiled:
 
 @cache
 def _pointwise_of(model: Integrable) -> Compiled:
-    """Force along samples whose state is known, compiled: (p, state, u, v, a, current, force), which it fills."""
+    """Compiled force at samples with known states: (p, state, u, v, a, current, force); fills `force`."""
     return cached(_pointwise(f"{fingerprint()} {model.name} {model.hysteresis}"), _force=kernel_of(model).force)
 
 
 @cache
 def _stepwise_of(model: Integrable) -> Compiled:
-    """Force along a motion, state after state, compiled: see `_stepwise`."""
+    """Compiled force along a motion, integrated step by step; see `_stepwise`."""
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
     return cached(_stepwise(key), _force=kernel_of(model).force, _step=sampled_step(model))
 
 
 _force: Compiled = _no_rates
 _step: Compiled = _no_step
-"""Of the loop's model, once it is compiled."""
+"""Compiled step of the model in the loop."""
 
 
 def _pointwise(key: str) -> Compiled:

@@ -178,7 +178,7 @@ def _rate(curve: FloatArray, n: float, s: float, x: float, cell: int) -> float:
 
 @njit()
 def _slopes_at(curve: FloatArray, slopes: FloatArray, n: float, at: Place) -> tuple[float, float]:
-    """S_sigma and S_n at a place, linear inside a cell."""
+    """S_sigma and S_n at a position, interpolated linearly within a cell."""
     s, x, cell, _ = at
     if cell == LAST:
         beyond = math.log(max(1.0 - x, 1e-300) / (1.0 - NODES[LAST])) / (n * n)
@@ -190,7 +190,7 @@ def _slopes_at(curve: FloatArray, slopes: FloatArray, n: float, at: Place) -> tu
 
 @njit()
 def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray) -> Place:
-    """Reverse, and carry the derivatives over; `moving` is de/dln(rho), de/dsigma, de/dn."""
+    """Reverse the motion and convert the derivatives; `moving` is de/dln(rho), de/dsigma, de/dn."""
     s, x, cell, direction = at
     before, there = _rate(curve, n, s, x, cell), _slopes_at(curve, slopes, n, at)
     x, direction = -x, -direction
@@ -206,7 +206,7 @@ def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: 
 
 @njit()
 def _move(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
-    """Move by a signed distance (in 1/rho), reversing first where its sign says so; no derivatives if none are kept."""
+    """Move by a signed distance (in 1/rho), reversing first if its sign changed; `moving` may be empty."""
     if moving.size > 0:
         if distance * at[3] < 0.0:
             at = _turned(curve, slopes, n, at, moving)
@@ -225,9 +225,9 @@ def _along(
     moving: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Fill `out` with w at each sample and, where `moving` (3,) has room for them, its three derivatives.
+    """Fill `out` with w at each sample and, if `moving` has shape (3,), its three derivatives.
 
-    One loop serves both, and the warm-up: numba would compile everything that it calls once more for another.
+    One loop serves both, and the warm-up, because numba would compile all called functions again for a second loop.
     """
     rho, sigma, n = shape
     curve = loop_curve(sigma, n)
@@ -270,7 +270,7 @@ def hysteresis_series(
         u: extension (m), shape (n,).
         v: velocity (m/s), shape (n,).
         dt: sampling interval (s).
-        warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none.
+        warm: number of samples of one whole cycle that is run first, so the start has no effect; 0: no warm-up.
     """
     out: FloatArray = np.empty((1, u.size))
     _along(float(w), (float(rho), float(sigma), float(n)), u, v, dt, warm if warm > 1 else 0, np.empty(0), out)

@@ -89,9 +89,9 @@ def balance_slopes(
 def carried(
     p: FloatArray, state: FloatArray, slopes: FloatArray, room: FloatArray, motion: Motion, current: float, dt: float
 ) -> None:
-    """`sprung_flow.moved`, and the slopes (2, parameters) of the piston's place and of w moved with it.
+    """`sprung_flow.moved`, also updating the slopes (2, parameters) of the piston position and of w.
 
-    What it computes with lies in `room` (3, parameters).
+    `room` (3, parameters) is scratch memory.
     """
     speed, own, by_last, by_first = remembered(state), room[0], room[1], room[2]
     at = at_current(p, current, speed)
@@ -135,7 +135,7 @@ def carried(
 def slopes_along() -> Compiled:
     """Force (N), (n,), and its slopes over the parameters, (n, parameters), along a sampled motion.
 
-    Called as `rig.dampers.kernel.series_of` is: (p, start, u, v, a, current, dt, warm).
+    The arguments are those of `rig.dampers.kernel.series_of`: (p, start, u, v, a, current, dt, warm).
     """
     compiled = compiled_pass()
 
@@ -161,7 +161,7 @@ def slopes_along() -> Compiled:
 
 @cache
 def compiled_pass() -> Compiled:
-    """The pass itself, compiled; it fills force and columns. Arrays are made outside: compiling that takes seconds."""
+    """The compiled pass; fills `force` and `columns`. Compiling the allocation of arrays would take seconds."""
     return cached(_pass(f"{fingerprint()} sprung_bouc_wen"))
 
 

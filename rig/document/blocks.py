@@ -224,8 +224,7 @@ Blocks = list[Block]
 class Document:
     """A title, for the window and the file's properties, and its blocks in order.
 
-    `mark` is shown on every page and, on screen, always: what no reader may overlook; empty for none. `paper` is the
-    size of printed pages.
+    `mark` is a warning shown on every page and always on screen; empty for none. `paper` is the size of printed pages.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Documents as PDF (A4 or US letter): lines and letters as vectors, bookmarks, every page with its number.
+"""Documents as PDF (A4 or US letter) with vector graphics, bookmarks and page numbers.
 
 No browser is needed.
 """
@@ -210,7 +210,7 @@ def _contents(links: Sequence[tuple[str, str]], width: float) -> Flowables:
 
 
 class _OnePage(Flowable):  # type: ignore[misc]  # the same
-    """Blocks on a page of their own, as large as they fit on it; `room` is the height of the page for them (points)."""
+    """Blocks on a separate page, scaled to fit; `room` is the available height of the page (points)."""
 
     def __init__(self, blocks: Sequence[b.Block], width: float) -> None:
         super().__init__()

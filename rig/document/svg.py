@@ -66,7 +66,7 @@ def _line(mark: Line) -> str:
 
 
 def _piece(points: FloatArray) -> str:
-    """A polyline, each point as its step from the one before: half as long as with coordinates."""
+    """A polyline with relative coordinates: half the size of one with absolute coordinates."""
     tenths = np.rint(10.0 * points).astype(np.int64)
     steps = " ".join(map(_tenths, np.diff(tenths, axis=0).ravel().tolist())).replace(" -", "-")
     return f"M{_tenths(int(tenths[0, 0]))} {_tenths(int(tenths[0, 1]))}" + (f"l{steps}" if steps else "")
@@ -74,5 +74,5 @@ def _piece(points: FloatArray) -> str:
 
 @cache
 def _tenths(count: int) -> str:
-    """So many tenths as a number: `-.4`, `12`."""
+    """A number given in tenths, as text: `-.4`, `12`."""
     return f"{0.1 * count:.1f}".removesuffix(".0").replace("0.", ".") if abs(count) < 10 else f"{count / 10:g}"

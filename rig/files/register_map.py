@@ -89,7 +89,7 @@ class Watchdog(DescriptionTable):
 
 
 class Setpoint(DescriptionTable):
-    """What each streamed set-point writes: values at once, or steps with a handshake."""
+    """Writes for each streamed set-point: values in one write, or steps with a handshake."""
 
     write: Values | None = None
     span: tuple[str, str] | None = Field(None, description="first and last quantity; all registers from the first "

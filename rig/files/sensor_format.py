@@ -209,7 +209,7 @@ class Fields(DescriptionTable):
 
 
 class _Checksum(DescriptionTable):
-    """The checksum of a frame of bytes."""
+    """Checksum of a binary frame."""
 
     checksum: Literal[FRAME_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="checksum (default: none)"
@@ -261,7 +261,7 @@ class StatusRegister(DescriptionTable):
 
 
 class DecimalsRegister(DescriptionTable):
-    """A register that states how many decimal places the reading has."""
+    """Register with the number of decimal places of the reading."""
 
     address: Register = Field(examples=[2])
 
@@ -307,7 +307,7 @@ class ModbusFormatFile(_AnyFormat):
 
 
 class CanStatus(DescriptionTable):
-    """A signal of the same message that states the condition of the sensor."""
+    """Signal in the same message that indicates the condition of the sensor."""
 
     signal: str = Field(examples=["State"], description="name of the signal in the message")
     overload_values: Numbers | None = Field(
@@ -321,7 +321,7 @@ class CanStatus(DescriptionTable):
 
 
 class NetworkText(DescriptionTable):
-    """A network description as the station receives it: its file's name and text."""
+    """A network description for the station: file name and text."""
 
     name: str
     text: str
@@ -339,7 +339,7 @@ class CanRequest(DescriptionTable):
 
 
 class CanFormatFile(_AnyFormat, _Checksum):
-    """A CAN message that carries the reading: a signal of a DBC file, or the places of the numbers in the message."""
+    """A CAN message with the reading: a signal in a DBC file, or positions of the numbers in the message."""
 
     dbc: str | NetworkText | None = Field(
         None, examples=["sensors.dbc"], description="DBC, KCD, SYM or ARXML file that describes the message"

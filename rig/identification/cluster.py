@@ -1,4 +1,4 @@
-"""The workers of a Dask scheduler as an executor: the earlier name of `rig.jobs.cluster`, kept until 2.0."""
+"""Workers of a Dask scheduler as an executor; deprecated name of `rig.jobs.cluster`, available until 2.0."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rig.jobs import cluster as jobs
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Connect to a scheduler while the block runs.
+    """Connect to a scheduler for the duration of the block.
 
     Args:
         address: of the scheduler, such as `tcp://10.0.0.5:8786`.
 
     Yields:
-        An executor on its workers, and how many tasks they run at the same time.
+        An executor on the workers, and the number of tasks that they run at the same time.
 
     Raises:
         RigError: as `rig.jobs.cluster.cluster`.

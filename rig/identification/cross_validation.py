@@ -21,7 +21,7 @@ LEFT_OUT = "leave-one-pair-out"
 
 
 def pairs_of(tests: Sequence[Measurement]) -> list[tuple[MotionReading, list[int]]]:
-    """Each amplitude and frequency with the numbers of its tests, whatever their current and waveform."""
+    """Each pair of amplitude and frequency, with the indices of its tests (any current and waveform)."""
     groups = motion_groups([replace(test.motion, waveform="") for test in tests])
     return [(motion, list(groups.members(number))) for number, motion in enumerate(groups.motions)]
 
@@ -56,10 +56,10 @@ def cross_validated(
 
     Args:
         tests: the tests.
-        errors_of: scores each group of tests, given by their numbers, with a fit to all others.
+        errors_of: returns the error of a fit to all other tests, for each group of test indices.
 
     Raises:
-        IdentificationFailed: the model cannot be fitted to what is left.
+        IdentificationFailed: the model cannot be fitted to the remaining tests.
     """
     pairs, rows, levels = [], [], set_of(tests).currents
     current_of = {

@@ -328,7 +328,7 @@ def _with_cross_validation(state: FitState) -> FitState:
 
 
 def _predicted(tests: Sequence[Measurement], group: Sequence[int], options: FitOptions) -> ErrorSummary:
-    """In a worker: the error on a group of tests, by their numbers, of a fit to all others."""
+    """In a worker: the error on a group of tests (indices) of a fit to all other tests."""
     left_out = [tests[number] for number in group]
     fit = identify([test for number, test in enumerate(tests) if number not in group], options, holdout=left_out)
     return fit.error if fit.holdout is None else fit.holdout

@@ -58,7 +58,7 @@ class Allowance:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How tests are fitted, and what else is computed; `identify` takes each as a keyword, too.
+    """Options of a fit and of further computations; `identify` also accepts each as a keyword.
 
     Attributes:
         model: a name in `rig.dampers.MODELS`, with a current law or without (`asymmetric+saturating`), "few" to
@@ -82,8 +82,8 @@ class FitOptions:
             in any case.
         bootstrap: number of bootstrap draws, for intervals that include misfit (`rig.identification.bootstrap`).
         unseen: "pairs": leave-one-motion-out cross-validation of the model.
-        workers: where independent parts of the work are computed: the models that are compared, bootstrap draws, the
-            motions of a cross-validation (`rig.jobs.choice.workers_for`). The result does not depend on them.
+        workers: run independent parts of the work: compared models, bootstrap samples, motions of a cross-validation
+            (`rig.jobs.choice.workers_for`). The result does not depend on them.
         on_progress: called with a line of text before each model is fitted and each comparison.
         corrections: setting of each correction that is requested (`rig.matrix.corrections`). As keywords:
             `series_spring=True` looks for a spring in series with the damper, and fits the damper behind it;

@@ -45,7 +45,7 @@ def filled(slug: str, template: str, numbers: Mapping[str, object]) -> Remark:
 
 
 def known_remark(text: str, slug: str, numbers: Mapping[str, object]) -> Remark:
-    """A sentence that was made before, as it was."""
+    """A remark that was formatted before, unchanged."""
     remark = Remark(text)
     remark.slug, remark.numbers = slug, numbers
     return remark

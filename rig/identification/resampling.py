@@ -129,21 +129,21 @@ def bootstrap(
     workers: Workers = HERE,
     on_progress: Callable[[str], None] | None = None,
 ) -> Bootstrap:
-    """Draw the tests of a fit again, and fit its model each time.
+    """Resample the tests of a fit, and fit its model to each sample.
 
     Args:
-        fit: a fit of these tests by least squares or Huber's loss.
-        tests: what it was fitted to: a run, its points, or measurements.
-        count: draws.
-        seed: of the random draws; the draws do not depend on where they are fitted.
-        executor: fits parts of the draws, any of `concurrent.futures`; None: the workers do.
-        chunks: parts for the executor; None: one for each processor of this machine.
-        workers: fit parts of the draws.
-        on_progress: called with a line of text after each part that workers have fitted.
+        fit: fit of these tests with least squares or Huber's loss.
+        tests: tests of the fit: a run, its points, or measurements.
+        count: number of bootstrap samples.
+        seed: random seed; the samples do not depend on the workers.
+        executor: executor of `concurrent.futures` that fits parts of the samples; None: use the workers.
+        chunks: number of parts for the executor; None: one per processor of this computer.
+        workers: workers that fit parts of the samples.
+        on_progress: called with a line of text after each part fitted by workers.
 
     Raises:
-        IdentificationFailed: fewer than three tests or others than the fit's, a model without quick weighted fits,
-            relations to the current, or a series spring.
+        IdentificationFailed: there are fewer than three tests, the tests are not those of the fit, or the fit has a
+            model without fast weighted fits, relations to the current, or a series spring.
     """
     if count < LEAST_DRAWS:
         raise IdentificationFailed(f"bootstrap: got count = {count}, expected {LEAST_DRAWS} or more")
@@ -215,7 +215,7 @@ def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int, count: int
 
 
 def _fitted(task: _Task, numbers: tuple[int, ...]) -> FloatArray:
-    """In a worker: values of some draws, shape (k, p); a row of NaN where one could not be fitted."""
+    """In a worker: parameter values of some samples, shape (k, p); a row of NaN if a sample cannot be fitted."""
     model = rig.dampers.model(task.model, task.hysteresis)
     if task.compiled:
         import_module("rig.identification.models.kernels")  # loaded, it is used

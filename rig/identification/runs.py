@@ -151,16 +151,16 @@ def identify_run(
 
 @dataclass(frozen=True)
 class RunFit:
-    """What came of one run of several that were fitted separately.
+    """Result of one run of several that are fitted separately.
 
     Attributes:
-        run: the run's folder, or the point file it is.
-        text: content of its `fit.json`; empty where it could not be fitted.
+        run: folder of the run, or the point file.
+        text: content of its `fit.json`; empty if it could not be fitted.
         model: the fitted model; empty without one.
         nrmse_percent_of_peak: error on the fitted tests; NaN without a fit.
-        adequate: whether the model fits within the measurement noise; None where that is not known.
-        error: why there is no fit; empty where there is one.
-        path, kept: where the fit was written, and an older one kept; None before.
+        adequate: whether the model fits within the measurement noise; None if unknown.
+        error: reason why there is no fit; empty if there is one.
+        path, kept: paths of the written fit and of an earlier fit; None before writing.
     """
 
     run: Path
@@ -173,7 +173,7 @@ class RunFit:
     kept: Path | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain types; the keys are in `docs/json.md`."""
+        """As plain types; `docs/json.md` lists the keys."""
         error = self.nrmse_percent_of_peak
         return {
             "run": str(self.run), "fit": None if self.path is None else str(self.path),
@@ -191,22 +191,22 @@ def identify_each(
     finished: Callable[[RunFit, int], None] | None = None,
     **changes: Any,  # noqa: ANN401 - by their names
 ) -> list[RunFit]:
-    """Fit recorded runs separately, and write `fit.json` into each as soon as it is fitted.
+    """Fit recorded runs separately, and write `fit.json` to each as soon as it is fitted.
 
     Args:
         paths: as for `identify_run`.
-        options: what is asked of each fit; its `workers` fit the runs.
+        options: options of each fit; the `workers` fit the runs.
         suspect: include suspect points, not only valid ones.
-        finished: called with each run that has ended, and how many have.
+        finished: called with each finished run and the number of finished runs.
         changes: options by name in place of those: see `FitOptions`.
 
     Returns:
-        One entry a run, in the order of the runs. A run that cannot be fitted does not affect the others.
+        One entry per run, in the order of the runs. A run that cannot be fitted does not affect the others.
 
     Raises:
-        FileProblem: a path is no run, or is given twice.
+        FileProblem: a path is not a run, or is specified twice.
         RigError: the workers cannot read the runs.
-        WorkersFailed: the workers can no longer be used; what is fitted by then is written.
+        WorkersFailed: the workers can no longer be used; fits finished before are written.
         TypeError: there is no such option.
     """
     options = FitOptions.of(options, changes)
@@ -229,16 +229,16 @@ def identify_each(
 
 
 def _run_of(path: Path | str) -> Path:
-    """The whole path of a run's folder, or of the point file that it is."""
+    """Full path of a run's folder, or of a point file."""
     place = run_path(path)
     return place.absolute() if place.is_file() else CampaignFolder.found(place).path.absolute()
 
 
 def _refuse_one_target(runs: Sequence[Path]) -> None:
-    """Refuse runs whose fits would be written to one place.
+    """Reject runs whose fits would be written to the same file.
 
     Raises:
-        FileProblem: two runs are one, or two point files lie in one folder.
+        FileProblem: a run is specified twice, or two point files are in the same folder.
     """
     targets = Counter(_folder_of(run) for run in runs)
     for folder, count in targets.items():
@@ -249,17 +249,17 @@ def _refuse_one_target(runs: Sequence[Path]) -> None:
 
 
 def _folder_of(run: Path) -> Path:
-    """Where a run's fit is written: in its folder, or next to the point file that it is."""
+    """Folder for a run's fit: that of the run, or of the point file."""
     return run if run.is_dir() else run.parent
 
 
 def _files_of(run: Path) -> list[Path]:
-    """The files that a fit of a run reads."""
+    """Files that a fit of a run reads."""
     return [run] if run.is_file() else CampaignFolder(run).evaluated
 
 
 def _run_fit(run: Path, options: FitOptions, suspect: bool) -> RunFit:
-    """In a worker: the fit of one run."""
+    """In a worker: fit one run."""
     try:
         fit = identify([Run.open(run)], options, suspect=suspect)
     except RigError as error:
@@ -268,7 +268,7 @@ def _run_fit(run: Path, options: FitOptions, suspect: bool) -> RunFit:
 
 
 def _written(fit: RunFit) -> RunFit:
-    """A fit in its run's folder; one that cannot be written is an error of this run only."""
+    """Write a fit to its run's folder; a write error affects only this run."""
     try:
         path, kept = saved(fit.text, CampaignFolder(_folder_of(fit.run)).fit)
     except FileProblem as error:

@@ -37,14 +37,14 @@ EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; th
 
 @dataclass(frozen=True)
 class _Attempt:
-    """What came of fitting one model: a candidate with its error, or why there is none.
+    """Result of fitting one model: a candidate with its error, or the reason why there is none.
 
     Attributes:
         candidate: the fitted model; None without one.
         rmse_N: its root mean square error on the tests; infinite without one.
-        reached: what its search had reached when it was compared with a rival.
+        reached: state of its search when it was compared with a rival.
         free: number of its free parameters.
-        refused: why the method cannot fit it; empty where it can.
+        refused: reason why the method cannot fit it; empty if it can.
     """
 
     candidate: Candidate | None
@@ -76,10 +76,10 @@ def candidates_of(
     on_progress: Callable[[str], None] | None,
     workers: Workers = HERE,
 ) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
-    """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
+    """Models fitted by the method, a line for each that it cannot fit, and models abandoned for better ones.
 
-    The result does not depend on the workers: a search that had gone on although an earlier model is far better, since
-    that was not known yet, counts as given up.
+    The result does not depend on the workers: a search that continued only because a far better earlier model was not
+    yet known counts as abandoned.
 
     Raises:
         IdentificationFailed: no model can be fitted.
@@ -109,7 +109,7 @@ def _attempts(
     on_progress: Callable[[str], None] | None,
     workers: Workers,
 ) -> list[_Attempt]:
-    """All models fitted, each search held against the earlier models whose error is known by then."""
+    """Fit all models; each search is compared with the earlier models whose error is known by then."""
     if len(order) == 1:
         workers = HERE  # a search may use them for its populations
     report, clock = on_progress or (lambda line: None), TimeLeft(len(order))
@@ -132,7 +132,7 @@ def _attempts(
 
 
 def _rival_N(order: Sequence[DamperModel], known: Mapping[int, _Attempt]) -> float:
-    """Least error of the first models, as far as all of them are known; infinite without one."""
+    """Smallest error of the leading models with known errors; infinite if there are none."""
     rival_N = math.inf
     for number, model in enumerate(order):
         if number not in known:
@@ -226,7 +226,7 @@ def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measur
 def _score(
     candidate: Candidate, fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method, alone: bool
 ) -> ModelScore:
-    """In a worker: what ranks a candidate; without held-out tests and `alone` nothing is predicted."""
+    """In a worker: scores that rank a candidate; if it is `alone` without held-out tests, nothing is predicted."""
     model, values = candidate.model, candidate.solution.values
     error = score(model, values, fitted)
     if held_out:
@@ -302,16 +302,16 @@ def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measur
 def weighted_by_misfit(
     candidates: Sequence[Candidate], fitted: Sequence[Measurement], method: Method, workers: Workers = HERE
 ) -> tuple[list[Candidate], Method, float]:
-    """The candidates fitted again with relative weights, where even the best one leaves misfit and not noise.
+    """Fit the candidates again with relative weights if even the best one leaves a misfit beyond noise.
 
     Args:
         candidates: models with their solutions.
         fitted: the tests.
-        method: how they were fitted; a weight that was asked for stays.
+        method: method of the fits; a requested weight is not changed.
         workers: fit the candidates again.
 
     Returns:
-        The candidates and the method, as they were or with relative weights, and the misfit over the scatter.
+        The candidates and the method (unchanged or with relative weights), and the ratio of misfit to scatter.
     """
     applies = method.weight is not None or method.name != SEPARABLE or method.loss != SQUARES
     ratio = math.nan if applies or len(fitted) < 2 else misfit_over_scatter(candidates, fitted)
@@ -327,7 +327,7 @@ def weighted_by_misfit(
 
 
 def _fitted_again(candidate: Candidate, fitted: Sequence[Measurement], method: Method) -> Candidate:
-    """In a worker: a candidate fitted by another method, from where it is."""
+    """In a worker: fit a candidate with another method, starting from its solution."""
     solution = solve(candidate.model, fitted, method, candidate.findings, candidate.solution.values)
     evaluations = candidate.solution.evaluations + solution.evaluations
     return replace(candidate, solution=replace(solution, evaluations=evaluations))

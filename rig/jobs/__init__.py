@@ -1,6 +1,6 @@
-"""Independent jobs, and where they run: in this process, in processes of this machine, or on a Dask cluster.
+"""Independent jobs that run in this process, in local processes, or on a Dask cluster.
 
-A command describes its jobs once (`Job`) and takes their results as they come from any `Workers`. What many jobs need
-is handed over once (`Workers.share`) or read from files (`Workers.check_files`), never sent with each job. Nothing here
-knows what a job computes.
+A command describes its jobs once (`Job`) and receives their results from any `Workers` as they arrive. Data for many
+jobs are transferred once (`Workers.share`) or read from files (`Workers.check_files`), and never sent with each job.
+This package does not depend on what a job computes.
 """

@@ -1,4 +1,4 @@
-"""The workers that a command was asked for."""
+"""Selection of the workers for a command."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rig.jobs.workers import HERE, Workers
 
 @contextmanager
 def workers_for(scheduler: str | None, processes: int | None = None) -> Iterator[Workers]:
-    """Workers while the block runs.
+    """Provide workers for the duration of the block.
 
     Args:
-        scheduler: address of a Dask scheduler; None: this machine.
-        processes: of this machine; None: one for each processor. With 1 the jobs run in this process.
+        scheduler: address of a Dask scheduler; None: this computer.
+        processes: number of local processes; None: one per processor; 1: run the jobs in this process.
 
     Yields:
         The workers.

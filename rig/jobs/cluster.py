@@ -1,7 +1,8 @@
 """Workers of a Dask scheduler.
 
-The scheduler and its workers execute the code that they are sent: anyone who reaches the scheduler's port controls
-them. Dask's own settings protect it (`tls://` with certificates in `distributed.comm.tls`), and are used as they are.
+The scheduler and its workers execute any code that they receive, so anyone who can reach the scheduler's port controls
+them. Dask's own settings provide protection (`tls://` with certificates in `distributed.comm.tls`) and are used
+unchanged.
 """
 
 from __future__ import annotations
@@ -48,25 +49,25 @@ T = TypeVar("T")
 ADDRESS = re.compile(r"(?:(?:tcp|tls|wss?|ucx)://)?[^\s/]+:\d{1,5}|inproc://\S+")
 ANSWER_WITHIN_S = 10.0
 NO_WORKERS_S = 60.0
-"""Without any worker for so long, the work ends."""
+"""Time without any worker after which the work is stopped (s)."""
 COUNTED_EVERY_S = 2.0
 END_BYTES = 65_536
-"""Of a file's beginning and end, by which its content is compared."""
+"""Number of bytes at the beginning and end of a file that are compared."""
 LIBRARIES = ("numpy", "scipy", "numba")
 _turn = threading.Lock()
-"""Jobs of one worker process run one after another, whatever its number of threads: they are not thread-safe."""
+"""Lock: a worker process runs one job at a time, even with several threads, because jobs are not thread-safe."""
 
 
 @contextmanager
 def cluster(address: str) -> Iterator[Cluster]:
-    """Connect to a scheduler while the block runs.
+    """Connect to a scheduler for the duration of the block.
 
     Args:
         address: of the scheduler, such as `tcp://10.0.0.5:8786` or `tls://10.0.0.5:8786`, or the scheduler file that
             `dask scheduler --scheduler-file` writes.
 
     Yields:
-        Its workers.
+        The workers of the scheduler.
 
     Raises:
         RigError: Dask is not installed, no scheduler answers at the address, it has no workers, or a worker has another
@@ -111,10 +112,10 @@ def cluster(address: str) -> Iterator[Cluster]:
 
 
 def _address_in(file: Path) -> str:
-    """The address in a scheduler file.
+    """Address in a scheduler file.
 
     Raises:
-        FileProblem: it is no scheduler file.
+        FileProblem: the file is not a scheduler file.
     """
     content = read_json(file)
     address = content.get("address")
@@ -125,10 +126,10 @@ def _address_in(file: Path) -> str:
 
 
 def _check_certificates(address: str) -> None:
-    """Refuse an encrypted connection without certificates, which Dask tries for a long time.
+    """Reject an encrypted connection without certificates, because Dask would retry it for a long time.
 
     Raises:
-        RigError: there is none, or it cannot be read.
+        RigError: certificates are missing or cannot be read.
     """
     if not address.startswith("tls://"):
         return
@@ -148,11 +149,11 @@ def _check_certificates(address: str) -> None:
 
 
 KEY = "#"
-"""Between a job's name and what makes the name of its task unique."""
+"""Separator between a job's name and the unique part of its task name."""
 
 
 class Cluster(RemoteWorkers):
-    """Worker processes of a Dask scheduler, each of which runs one job at a time; workers may come and go.
+    """Worker processes of a Dask scheduler, each running one job at a time; workers may join and leave.
 
     Attributes:
         address: of the scheduler.
@@ -170,7 +171,7 @@ class Cluster(RemoteWorkers):
 
     @property
     def count(self) -> int:
-        """Worker processes that are connected; at least 1."""
+        """Number of connected worker processes; at least 1."""
         now_s = time.monotonic()
         if now_s - self._counted_s >= COUNTED_EVERY_S:
             self._counted_s = now_s
@@ -178,9 +179,10 @@ class Cluster(RemoteWorkers):
         return self._count
 
     def share(self, value: T) -> T:
-        """See `Workers.share`. Workers that come later, or have forgotten it, receive it with their first job.
+        """See `Workers.share`. Workers that join later, or no longer have the value, receive it with their first job.
 
-        No dependency of tasks: Dask runs a task where its dependencies are, that is, all tasks on one worker.
+        The value is not a task dependency, because Dask runs a task where its dependencies are: all tasks on one
+            worker.
         """
         shared = Shared(uuid.uuid4().hex)
         self._payloads[shared.token] = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
@@ -188,19 +190,19 @@ class Cluster(RemoteWorkers):
         return cast("T", shared)  # what jobs are given in its place
 
     def on_each(self, function: Callable[[], T]) -> dict[str, T]:
-        """What a function returns in each worker process, by the worker's address."""
+        """Call a function in each worker process; results by worker address."""
         values: dict[str, T] = self._client.run(function)
         return values
 
     def forget(self) -> None:
-        """Let the workers give up all shared values."""
+        """Delete all shared values on the workers."""
         self._client.run(forget, list(self._payloads), on_error="ignore")
 
     def _supply(self, missing: Missing) -> None:
         self._send(missing.token, [missing.worker])
 
     def _send(self, token: str, workers: list[str] | None = None) -> None:
-        """Send a shared value; a worker that ends meanwhile is replaced by another one, which asks for it."""
+        """Send a shared value; if a worker fails meanwhile, its replacement requests the value."""
         with suppress(OSError):
             self._client.run(keep, token, self._payloads[token], workers=workers, on_error="ignore")
 
@@ -211,7 +213,7 @@ class Cluster(RemoteWorkers):
             expected: versions by name; None: those of this computer.
 
         Raises:
-            RigError: there is no worker, or one differs; it is named.
+            RigError: there is no worker, or a worker (named in the message) differs.
         """
         expected = self._software if expected is None else expected
         if not self._nthreads():
@@ -229,11 +231,11 @@ class Cluster(RemoteWorkers):
         _refuse_other(f"scheduler {self.address}", of_scheduler, expected)
 
     def check_files(self, files: Sequence[Path]) -> None:
-        """See `Workers.check_files`; compared are sizes, and the beginning and end of each file.
+        """See `Workers.check_files`; compares the size, beginning and end of each file.
 
         Raises:
             FileProblem: a file cannot be read here.
-            RigError: a worker reads something else.
+            RigError: a file differs on a worker.
         """
         own = {str(path): content for path, content in _contents([str(path.absolute()) for path in files]).items()}
         missing = [path for path, content in own.items() if not content]
@@ -245,7 +247,7 @@ class Cluster(RemoteWorkers):
         """Compare the content of files.
 
         Raises:
-            RigError: a worker reads something else.
+            RigError: a file differs on a worker.
         """
         answers: dict[str, Any] = self._client.run(_contents, list(own), on_error="return")
         for worker, answer in sorted(answers.items()):
@@ -261,7 +263,7 @@ class Cluster(RemoteWorkers):
                 )
 
     def _nthreads(self) -> Mapping[str, int]:
-        """Threads of each worker.
+        """Number of threads of each worker.
 
         Raises:
             WorkersFailed: the scheduler does not answer.
@@ -278,7 +280,7 @@ class Cluster(RemoteWorkers):
         return WorkersFailed(f"Dask scheduler {self.address}: connection lost. Fix: check that it is running")
 
     def _look(self) -> None:
-        """End the work when the scheduler, or all workers, are gone.
+        """Stop the work if the scheduler or all workers are lost.
 
         Raises:
             WorkersFailed: see there.
@@ -300,7 +302,7 @@ class Cluster(RemoteWorkers):
         )
 
     def _restart(self) -> None:
-        """Nothing: Dask replaces workers and runs their jobs again."""
+        """Do nothing: Dask replaces workers and runs their jobs again."""
 
     def _cancel(self, futures: Sequence[Any]) -> None:
         if futures and self._client.status == "running":
@@ -309,7 +311,7 @@ class Cluster(RemoteWorkers):
 
 
 def abandoned() -> bool:
-    """In a job: whether its result is no longer wanted, so that a long search may end."""
+    """In a job: whether its result is no longer needed, so a long search can stop."""
     running = _current.key
     if running is None:
         return False
@@ -320,7 +322,7 @@ def abandoned() -> bool:
 
 
 class _Current(threading.local):
-    """The task that this thread runs; None outside a worker of Dask."""
+    """Task that this thread runs; None outside a Dask worker."""
 
     key: Any = None
 
@@ -329,10 +331,10 @@ _current = _Current()
 
 
 def _call(software: Mapping[str, str], function: Callable[..., T], arguments: tuple[Any, ...]) -> Answer[T] | Missing:
-    """In a worker: run a job; a worker that has joined since the check is checked now.
+    """In a worker: run a job; a worker that joined after the version check is checked first.
 
     Raises:
-        RigError: it has other software.
+        RigError: its software versions differ.
     """
     from distributed import get_worker  # here runs a worker of Dask
 
@@ -349,7 +351,7 @@ def _call(software: Mapping[str, str], function: Callable[..., T], arguments: tu
 
 @cache
 def _software() -> Mapping[str, str]:
-    """What computes here: results of different versions are not mixed."""
+    """Versions of the software on this computer; results of different versions are not mixed."""
     python = ".".join(platform.python_version_tuple()[:2])
     plug_ins = sorted({f"{one.package} {one.version}" for group in (DAMPER_MODELS, METHODS) for one in found(group)})
     libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
@@ -357,10 +359,10 @@ def _software() -> Mapping[str, str]:
 
 
 def _refuse_other(who: str, answer: object, expected: Mapping[str, str]) -> None:
-    """Refuse a worker or scheduler with other software.
+    """Reject a worker or scheduler with different software versions.
 
     Raises:
-        RigError: it differs, or has none.
+        RigError: the software differs or is not installed.
     """
     if not isinstance(answer, Mapping):
         raise RigError(
@@ -376,7 +378,7 @@ def _refuse_other(who: str, answer: object, expected: Mapping[str, str]) -> None
 
 
 def _contents(paths: Sequence[str]) -> dict[str, str]:
-    """Size, and hash of the beginning and end, of each file; empty where it cannot be read."""
+    """Size, and hash of the beginning and end, of each file; empty if a file cannot be read."""
     return {path: _content(path) for path in paths}
 
 

@@ -1,4 +1,4 @@
-"""Workers that are processes of this machine."""
+"""Local worker processes."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from rig.jobs.workers import Answer, ExecutorWorkers, Job, Missing, Shared, answ
 
 T = TypeVar("T")
 LEAVES_S = 3.0
-"""A process that is asked to end takes no longer."""
+"""Maximum time that a process takes to terminate (s)."""
 
 def follow_parent(leave: Callable[[], object] | None = None) -> None:
-    """In a new worker process: leave Ctrl-C to the parent, and do not outlive it.
+    """In a new worker process: leave Ctrl-C to the parent, and terminate with it.
 
     Args:
-        leave: ends the process when the parent has ended, whatever runs in it; None: it just ends.
+        leave: terminates the process when the parent has ended; None: immediate exit.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, args=(leave,), daemon=True).start()
@@ -42,7 +42,7 @@ def _end_with_parent(leave: Callable[[], object] | None) -> None:
 
 
 class LocalWorkers(ExecutorWorkers):
-    """Processes of this machine; `local_workers` starts and ends them."""
+    """Local processes, started and stopped by `local_workers`."""
 
     def __init__(self, count: int, begin: Callable[[], None], jobs_per_process: int | None, folder: Path) -> None:
         self._begin = begin
@@ -59,7 +59,7 @@ class LocalWorkers(ExecutorWorkers):
         return cast("T", Shared(name, Path(name)))  # what jobs are given in its place
 
     def end(self) -> None:
-        """End the processes now, whatever they do."""
+        """Terminate the processes immediately."""
         workers = list(multiprocessing.active_children())
         self._pool.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
@@ -70,7 +70,7 @@ class LocalWorkers(ExecutorWorkers):
             worker.kill()
 
     def finish(self) -> None:
-        """End the processes once they are idle."""
+        """Stop the processes once they are idle."""
         self._pool.shutdown()
 
     def _started(self, count: int) -> ProcessPoolExecutor:
@@ -91,12 +91,12 @@ class LocalWorkers(ExecutorWorkers):
 def local_workers(
     count: int, begin: Callable[[], None] = follow_parent, jobs_per_process: int | None = None
 ) -> Iterator[LocalWorkers]:
-    """Processes of this machine while the block runs; an exception ends them whatever they do.
+    """Provide local processes for the duration of the block; an exception terminates them.
 
     Args:
-        count: how many.
-        begin: called in each new process first; ends with `follow_parent`.
-        jobs_per_process: a process begins anew after so many jobs; None: never.
+        count: number of processes.
+        begin: called first in each new process; must end with `follow_parent`.
+        jobs_per_process: number of jobs after which a process is replaced; None: never.
 
     Yields:
         The workers.

@@ -1,4 +1,4 @@
-"""How long jobs still take, and how that is written."""
+"""Estimate and format of the remaining time of jobs."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import time
 
 
 class TimeLeft:
-    """Estimates the time that jobs still take.
+    """Estimates the remaining time of jobs.
 
     Args:
-        total: how many jobs there are.
+        total: number of jobs.
     """
 
     def __init__(self, total: int) -> None:
@@ -18,7 +18,7 @@ class TimeLeft:
         self._began_s = time.monotonic()
 
     def after(self, done: int) -> float:
-        """Seconds left when so many jobs are done; infinite before the first."""
+        """Remaining time (s) after `done` jobs; infinite before the first."""
         elapsed_s = time.monotonic() - self._began_s
         return math.inf if done == 0 else elapsed_s / done * (self._total - done)
 
@@ -30,7 +30,7 @@ class TimeLeft:
 
 
 def duration(seconds: float) -> str:
-    """Seconds for people: "4.5 s", "3 min 20 s", "34 h 12 min"."""
+    """Format a time in seconds: "4.5 s", "3 min 20 s", "34 h 12 min"."""
     if seconds < 99.5:
         return f"{seconds:.1f} s" if seconds < 9.95 else f"{seconds:.0f} s"
     minutes, rest = divmod(round(seconds), 60)

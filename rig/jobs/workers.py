@@ -1,7 +1,7 @@
-"""A job as a value, and workers that run jobs: the interface, and the workers that this process is itself.
+"""Jobs as values, and the interface of workers, implemented here for this process and for executors.
 
-A worker process that ends in the middle costs only its jobs: they are run again, and a job during which `MOST_DEATHS`
-worker processes ended is named.
+If a worker process fails, only its jobs are lost and run again. A job during which `MOST_DEATHS` worker processes
+failed is reported.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from rig.errors import DataWarning, RigError
 
 T = TypeVar("T")
 AHEAD = 2
-"""Jobs submitted for each worker: one runs, one waits next to it."""
+"""Jobs submitted per worker: one runs, one is queued."""
 MOST_DEATHS = 3
-"""Worker processes that may end during one job before the job is given up."""
+"""Number of worker processes that may fail during one job before the job is abandoned."""
 LOOK_S = 1.0
-"""How often workers are looked after while no result comes."""
+"""Interval between checks of the workers while no result arrives (s)."""
 
 
 class WorkersFailed(RigError):
-    """The workers can no longer be reached, or keep ending during one job; results that came before are not lost."""
+    """The workers can no longer be reached, or fail repeatedly during one job; earlier results are not lost."""
 
     slug = "workers-failed"
 
 
 @dataclass(frozen=True)
 class Job(Generic[T]):
-    """One computation that depends on no other one.
+    """One independent computation.
 
     Attributes:
-        name: what a message calls it.
-        function: of a module, so that a worker process can import it.
-        arguments: small values, and values from `Workers.share`.
+        name: name of the job in messages.
+        function: module-level function, which a worker process can import.
+        arguments: small values, and values of `Workers.share`.
     """
 
     name: str
@@ -53,36 +53,37 @@ class Workers:
     """Runs jobs one after another in this process.
 
     Attributes:
-        count: jobs that run at the same time.
-        executor: for what takes a `concurrent.futures.Executor`, such as the evaluation of a population; None here.
+        count: number of jobs that run at the same time.
+        executor: for functions that need a `concurrent.futures.Executor`, such as the evaluation of a population; None
+            here.
     """
 
     executor: Executor | None = None
 
     @property
     def count(self) -> int:
-        """Jobs that run at the same time."""
+        """Number of jobs that run at the same time."""
         return 1
 
     def share(self, value: T) -> T:
-        """A value for the arguments of many jobs, which reaches each worker process once; not to be used otherwise."""
+        """Return a placeholder for the arguments of many jobs; the value is sent to each worker process once."""
         return value
 
     def check_files(self, files: Sequence[Path]) -> None:
-        """Check that every worker reads the same content under these paths.
+        """Check that these files have the same content on every worker.
 
         Raises:
-            RigError: a worker does not; it is named with the file.
+            RigError: a file differs on a worker; the message names both.
         """
 
     def results(self, jobs: Iterable[Job[T]]) -> Iterator[tuple[Job[T], T]]:
-        """Run the jobs; what a job raises is raised here, and the others are given up.
+        """Run the jobs; an exception in a job is raised here and cancels the others.
 
         Args:
             jobs: taken as workers become free.
 
         Yields:
-            A job and its result, as they come.
+            A job and its result, in order of completion.
 
         Raises:
             WorkersFailed: see there; the message names the job.
@@ -95,7 +96,7 @@ class Workers:
 
         Args:
             jobs: as for `results`, each with its own name.
-            finished: called with each job that has finished, and how many have.
+            finished: called with each finished job and the number of finished jobs.
 
         Raises:
             WorkersFailed: as `results`.
@@ -115,7 +116,7 @@ HERE = Workers()
 
 @dataclass(frozen=True)
 class Shared:
-    """Stands for a shared value in the arguments of a job: its token, and the file that holds it, if there is one."""
+    """Placeholder for a shared value in the arguments of a job: its token and, if there is one, its file."""
 
     token: str
     path: Path | None = None
@@ -123,7 +124,7 @@ class Shared:
 
 @dataclass(frozen=True)
 class Answer(Generic[T]):
-    """What a job computed elsewhere, with the warnings about data that it raised there."""
+    """Result of a job in a worker, with the data warnings raised there."""
 
     value: T
     remarks: tuple[str, ...]
@@ -131,32 +132,32 @@ class Answer(Generic[T]):
 
 @dataclass(frozen=True)
 class Missing:
-    """The answer of a worker process that does not have a shared value: of which token, and the worker's address."""
+    """Answer of a worker process without a shared value: the token and the worker's address."""
 
     token: str
     worker: str = ""
 
 
 KEPT_VALUES = 4
-"""Shared values that a worker process remembers; the oldest goes first."""
+"""Maximum number of shared values that a worker process stores; the oldest is deleted first."""
 _known: OrderedDict[str, Any] = OrderedDict()
 
 
 def keep(token: str, payload: bytes) -> None:
-    """In a worker: remember a shared value."""
+    """In a worker: store a shared value."""
     _known[token] = pickle.loads(payload)
     while len(_known) > KEPT_VALUES:
         _known.popitem(last=False)
 
 
 def forget(tokens: Sequence[str]) -> None:
-    """In a worker: give up shared values."""
+    """In a worker: delete shared values."""
     for token in tokens:
         _known.pop(token, None)
 
 
 def answered(function: Callable[..., T], arguments: Sequence[Any]) -> Answer[T] | Missing:
-    """In a worker: run a job, if all shared values among its arguments are here."""
+    """In a worker: run a job if all its shared values are stored here."""
     values = []
     for argument in arguments:
         if isinstance(argument, Shared):
@@ -174,7 +175,7 @@ def answered(function: Callable[..., T], arguments: Sequence[Any]) -> Answer[T] 
 
 
 class RemoteWorkers(Workers):
-    """Runs jobs elsewhere; `AHEAD` of them are submitted for each worker."""
+    """Runs jobs in other processes; `AHEAD` jobs are submitted per worker."""
 
     @abstractmethod
     def _submit(self, job: Job[T]) -> Any:  # noqa: ANN401 - a future of `concurrent.futures` or of Dask
@@ -197,19 +198,19 @@ class RemoteWorkers(Workers):
         raise WorkersFailed(f"a worker process lost the shared value {missing.token}. Fix: run the command again")
 
     def _look(self) -> None:
-        """Look after the workers while no result comes.
+        """Check the workers while no result arrives.
 
         Raises:
             WorkersFailed: they can no longer be reached.
         """
 
     def _cancel(self, futures: Sequence[Any]) -> None:
-        """Give up jobs that are no longer needed."""
+        """Cancel jobs that are no longer needed."""
         for future in futures:
             future.cancel()
 
     def results(self, jobs: Iterable[Job[T]]) -> Iterator[tuple[Job[T], T]]:
-        """See `Workers.results`. After the end of a worker process each job it may have run runs alone."""
+        """See `Workers.results`. After a worker process fails, each job that it may have run is run alone."""
         waiting, done = iter(jobs), SimpleQueue[Any]()
         running: dict[Any, Job[T]] = {}
         deaths: Counter[int] = Counter()
@@ -259,14 +260,14 @@ class RemoteWorkers(Workers):
 
 
 def _next_of(suspects: Sequence[Job[T]], retried: list[Job[T]], waiting: Iterator[Job[T]]) -> Job[T] | None:
-    """The next job to submit; None without one."""
+    """The next job to submit; None if there is none."""
     if suspects:
         return suspects[0]
     return retried.pop() if retried else next(waiting, None)
 
 
 def _count_deaths(jobs: Sequence[Job[Any]], deaths: Counter[int], error: BaseException) -> None:
-    """Count the end of a worker process for the jobs it may have run.
+    """Count the failure of a worker process for the jobs that it may have run.
 
     Raises:
         WorkersFailed: too many for one of them.
@@ -278,7 +279,7 @@ def _count_deaths(jobs: Sequence[Job[Any]], deaths: Counter[int], error: BaseExc
 
 
 def given_up(name: str, deaths: int) -> str:
-    """The message on a job during which so many worker processes ended."""
+    """Message about a job during which several worker processes failed."""
     return (
         f"{name}: {deaths} worker processes ended while running this job (out of memory?). "
         "Fix: check the memory of the worker, or use fewer worker processes"
@@ -290,7 +291,7 @@ class ExecutorWorkers(RemoteWorkers):
 
     Args:
         executor: runs the jobs.
-        count: how many it runs at the same time.
+        count: number of jobs that it runs at the same time.
     """
 
     def __init__(self, executor: Executor, count: int) -> None:

@@ -199,8 +199,8 @@ class Deadline:
 class Note:
     """A line for the campaign's journal and the operator; `level` is `info`, `warning` or `error`.
 
-    `wait` is what the line tells of the damper's temperature, for the campaign's result; `code` what it is about,
-    `temperature` or `amplitude`, for those who read the journal; `stop` the code of the stop that it announces.
+    `wait` is the line's statement on the damper temperature, for the result of the campaign. `code` is its topic for
+    readers of the journal (`temperature` or `amplitude`). `stop` is the code of the stop that it announces.
     """
 
     level: str

@@ -100,7 +100,7 @@ class Conditions:
         longest_s: longest warming up or cooling down before a point or a restart (s, rig's clock).
         demagnetise: the coil's core is demagnetised before another current.
         hand: how a person is asked for the current; None where a device drives it.
-        powered_test: the watchdog is tested under pressure.
+        powered_test: whether the watchdog is tested under pressure.
     """
 
     tolerance: float | None = None
@@ -232,10 +232,10 @@ class Phase(StrEnum):
 
 
 class PhaseKind(StrEnum):
-    """What a phase means for a person who watches the rig."""
+    """Kind of a phase, for displays."""
 
     PREPARING = "preparing"
-    """Before the first point: nothing has been proved yet."""
+    """Before the first point; nothing has been verified yet."""
     AT_REST = "at rest"
     MOVING = "moving"
     PAUSED = "paused"
@@ -255,7 +255,7 @@ _KINDS: Mapping[str, PhaseKind] = {
 
 
 def phase_kind(text: str) -> PhaseKind:
-    """The kind of a phase as displays are told it; what precedes the sequence (start of the station) is preparation."""
+    """Return the kind of a phase for displays; phases before the sequence (start of the station) are `PREPARING`."""
     return _KINDS.get(text, PhaseKind.PREPARING)
 
 

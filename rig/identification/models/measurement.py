@@ -51,13 +51,13 @@ class MotionError:
 
 @dataclass(frozen=True)
 class MeanCycles:
-    """What the samples of a long test are the means of: recorded forces at the same phase of successive cycles.
+    """Recorded samples behind mean cycles: each mean is over forces at the same phase of successive cycles.
 
     Attributes:
-        samples: recorded samples in each mean.
+        samples: number of recorded samples in each mean.
         scatter_N: standard deviation of the recorded forces about the means (N).
-        noise_N: standard deviation of the means from one mean cycle to the next (N); nan when it cannot be told.
-        peak_force_N: greatest deviation of the recorded force from its mean (N).
+        noise_N: standard deviation of the means from one mean cycle to the next (N); NaN if unknown.
+        peak_force_N: largest deviation of the recorded force from its mean (N).
     """
 
     samples: float
@@ -100,8 +100,9 @@ class Measurement:
         force_step_N: quantisation step of the force (N); 0 where there is none.
         temperature_degC: recorded temperature of coil or body (degC), shape (n,); None where none was recorded.
         noise_N: standard deviation of the recorded force from cycle to cycle (N); nan when it cannot be told.
-        time_noise_N: the part of it that errors of the sample times make (N), which more cycles do not average.
-        means: what the samples are the means of; None where they are the recorded ones.
+        time_noise_N: part of `noise_N` due to errors in the sample times (N), which averaging over cycles does not
+            reduce.
+        means: the recorded samples behind mean cycles; None if the samples are the recorded ones.
         warnings: what the preparation found.
 
     Raises:
@@ -182,22 +183,22 @@ class Measurement:
 
     @property
     def recorded_each(self) -> float:
-        """Recorded samples that each sample stands for."""
+        """Number of recorded samples that each sample represents."""
         return 1.0 if self.means is None else self.means.samples
 
     @property
     def scatter_N(self) -> float:
-        """Standard deviation (N) of the recorded forces about the samples that stand for them."""
+        """Standard deviation (N) of the recorded forces about the samples that represent them."""
         return 0.0 if self.means is None else self.means.scatter_N
 
     @property
     def sample_noise_N(self) -> float:
-        """Standard deviation of the samples of the force from cycle to cycle (N); nan when it cannot be told."""
+        """Standard deviation of the force samples from cycle to cycle (N); NaN if unknown."""
         return self.noise_N if self.means is None else self.means.noise_N
 
     @property
     def peak_force_N(self) -> float:
-        """Greatest deviation of the recorded force from its mean (N), the reference of the relative error."""
+        """Largest deviation of the recorded force from its mean (N): the reference for relative errors."""
         if self.means is not None:
             return self.means.peak_force_N
         force = self.force_N if self.usable is None else self.force_N[self.usable]
@@ -255,7 +256,7 @@ class Measurement:
 
 
 def recorded_errors(test: Measurement, error_N: FloatArray) -> FloatArray:
-    """Errors of the samples (n,), N, with the scatter of the recorded samples about them drawn (the same each time)."""
+    """Errors of the samples (n,), N, with reproducible random scatter of the recorded samples added."""
     if test.scatter_N == 0.0:
         return error_N
     return error_N + test.scatter_N * np.random.default_rng(0).standard_normal(error_N.size)

@@ -29,15 +29,16 @@ KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
 
 @dataclass(frozen=True)
 class Weighting:
-    """Which samples count, and how much.
+    """Weights of the samples.
 
     Attributes:
-        weight: "v" weighs each recorded sample by its speed (equation 12), "1" does not; "relative" weighs each test so
-            that its part of the objective is the square of its relative error (% of peak), however many samples it has.
-        guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
-            on which side of the tanh models' jump they lie.
-        reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
-        extra: further weights, one array (n,) a measurement (robust losses, resampling).
+        weight: "v" weights each recorded sample by its speed (equation 12), "1" equally; "relative" weights each test
+            so that its part of the objective is the square of its relative error (% of peak), regardless of its number
+            of samples.
+        guard_s: time (s) around u = 0 whose samples are ignored, because the sensor's filter and the clocks leave it
+            open on which side of the tanh models' jump they are.
+        reversal_guard_s: time (s) around v = 0 whose samples are ignored, for models that jump there.
+        extra: further weights, one array (n,) per measurement (robust losses, resampling).
     """
 
     weight: Weight = "1"

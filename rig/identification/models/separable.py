@@ -47,18 +47,18 @@ AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 @dataclass(frozen=True)
 class Reached:
-    """What a search had reached when it was compared with another model's error.
+    """State of a search when it was compared with the error of another model.
 
     Attributes:
         rmse_N: root mean square error on one cycle of each test (N).
-        evaluations: spent until then, on one cycle of each test.
+        evaluations: number of evaluations until then, on one cycle of each test.
     """
 
     rmse_N: float
     evaluations: int
 
     def hopeless(self, model: str, rival_N: float) -> Remark | None:
-        """Why the search is given up; None where it is not.
+        """Reason to abandon the search; None to continue.
 
         Args:
             model: name of the searched model.
@@ -73,10 +73,10 @@ class Reached:
 
 
 class SearchAbandoned(IdentificationFailed):
-    """A model was not fitted to the end, because another one describes the tests far better already.
+    """The fit of a model was abandoned, because another model already describes the tests far better.
 
     Attributes:
-        reached: what its search had reached.
+        reached: state of the search.
     """
 
     def __init__(self, reason: str, reached: Reached) -> None:
@@ -90,12 +90,12 @@ class Solution:
 
     Attributes:
         values: parameter name to SI value, eta left out.
-        objective: equation (12) at the solution, over the samples that count.
-        evaluations: passes over all samples; those over thinned data count by their share.
-        at_bound: names of parameters that would be negative and are held at 0.
-        at_limit: names of parameters at which the search ended at a limit, and that limit in the parameter's unit.
-        extra: square roots of the weights that a robust loss ended with, one array (n,) a test; None without.
-        reached: what the search had reached when it was compared with a rival; None where it was not compared.
+        objective: equation (12) at the solution, over the weighted samples.
+        evaluations: number of passes over all samples; passes over thinned data count as fractions.
+        at_bound: names of parameters that would be negative and are fixed at 0.
+        at_limit: names of parameters that ended at a limit of the search, with the limit in the parameter's unit.
+        extra: square roots of the final weights of a robust loss, one array (n,) per test; otherwise None.
+        reached: state of the search when it was compared with a rival; None if it was not compared.
     """
 
     values: dict[str, float]

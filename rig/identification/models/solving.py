@@ -99,7 +99,7 @@ class Method:
 
     @property
     def without_executor(self) -> Method:
-        """The same method in one process, as a job for a worker."""
+        """This method without an executor, for a job in a worker."""
         return replace(self, executor=None, chunks=None, callback=None)
 
     def weighting(self, model: DamperModel) -> Weighting:

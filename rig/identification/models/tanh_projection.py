@@ -1,6 +1,6 @@
-"""The projected objective of the tanh models, from moments of their yield shape: a few sums a sample, no matrix of it.
+"""Projected objective of the tanh models from moments of their yield shape: a few sums per sample.
 
-Projecting and its names are those of `projection.Projection`, which does the same for any form by whole columns.
+The method and its names are those of `projection.Projection`, which handles any form with complete columns.
 
 With y = tanh(beta v + delta sgn u) the model is linear in b I^i (b one of a, 1, v, |v|, u) and in y I^i, so its normal
 equations consist of sums over samples of y b I^p, y F I^p, y y I^p (p = 0, 1, 2), and of the same with dy/dbeta and
@@ -9,9 +9,9 @@ dy/ddelta for their slope. Three matrices (3, 9), one for each power of the curr
     rows     y, dy/dbeta, dy/ddelta
     columns  a, 1, v, |v|, u, force, y, dy/dbeta, dy/ddelta
 
-Where the current is constant one sum gives all three powers. `kernels` sums the same, compiled; importing it costs more
-than one fit in numpy takes, and compiling it much more, so it is used where it is loaded already (by a search, or a
-bootstrap of many fits), or many samples pay for it.
+If the current is constant, one sum gives all three powers. The compiled module `kernels` computes the same sums.
+Importing it takes longer than one fit with numpy, and compiling it much longer, so it is used only if it is already
+loaded (by a search or a bootstrap) or if there are many samples.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def join(measurements: Sequence[Measurement], weighting: Weighting, every: int =
 
 
 def thinned(samples: Samples, every: int) -> Samples:
-    """Every `every`-th sample of each test: what `join` gives with `every`, without going through the tests again."""
+    """Every `every`-th sample of each test, as `join` returns with `every`, without reading the tests again."""
     starts = np.concatenate(([0], samples.ends[:-1]))
     rows = np.concatenate(
         [np.arange(start, end, every) for start, end in zip(starts.tolist(), samples.ends.tolist(), strict=True)]
@@ -194,7 +194,7 @@ def squares(samples: Samples, shape: FloatArray, values: FloatArray, *, compiled
 
 
 def compiled_pays(samples: int) -> bool:
-    """Whether a fit to so many samples is faster with the compiled loops, their compiling on first use included."""
+    """Whether a fit to this many samples is faster with the compiled loops, including their compilation."""
     return KERNELS in sys.modules or samples >= WORTH_COMPILING
 
 
@@ -257,7 +257,7 @@ class TanhProjection:
         self._reduction = self._reduced(without)
 
     def thin_samples(self, every: int) -> Samples | None:
-        """Every `every`-th sample of each test, if all are held in memory; else None."""
+        """Every `every`-th sample of each test if all samples are in memory; otherwise None."""
         return None if self._kept is None else thinned(self._kept, every)
 
     def without(self, names: frozenset[str]) -> TanhProjection:

@@ -144,7 +144,7 @@ def current_std(point: RecordedPoint, query_s: FloatArray) -> float:
 
 
 def _first_covariances(centred: FloatArray, most: int) -> FloatArray:
-    """Autocovariances of a centred signal (n,) before the first that is not positive, `most` of them at most."""
+    """Autocovariances of a centred signal (n,) up to the first non-positive one, at most `most`."""
     covariances: list[float] = []
     for lag in range(most):
         covariance = float(centred[: centred.size - lag] @ centred[lag:]) / centred.size

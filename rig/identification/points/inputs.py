@@ -54,18 +54,17 @@ class FitInputs:
 def fit_inputs(
     tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint], *, every_sample: bool = False
 ) -> FitInputs:
-    """Measurements to fit and held out, aligned by all points of their campaigns.
+    """Measurements to fit and held-out measurements, aligned using all points of their campaigns.
 
     Args:
-        tests: what is fitted, and what may be held out of it.
-        holdout: which of them, or others; of motion without cycles possibly a part of the time, `last 30 %`.
+        tests: tests to fit, some of which may be held out.
+        holdout: held-out tests (a filter, or other tests), or `last 30 %` of the time for motion without cycles.
         campaign: all points of the campaigns.
-        every_sample: keep the samples of long tests, whose single outliers a robust loss looks at; else they become
-            mean cycles.
+        every_sample: keep all samples of long tests (a robust loss needs single outliers); otherwise use mean cycles.
 
     Raises:
-        IdentificationFailed: nothing or everything is held out, a test is there twice or on both sides, or nothing
-            moves in any of them.
+        IdentificationFailed: nothing or everything is held out, a test is listed twice or on both sides, or no test
+            contains motion.
     """
     share = _last_share(holdout) if isinstance(holdout, str) else None
     if share is not None:
@@ -101,10 +100,10 @@ def _recorded(
     tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint],
     reduced: Callable[[Measurement], Measurement] | None,
 ) -> FitInputs:
-    """As `fit_inputs`, recordings among the tests, of each of which `reduced` is kept.
+    """Like `fit_inputs`, for recordings among the tests; `reduced` is applied to each measurement.
 
     Raises:
-        IdentificationFailed: as there.
+        IdentificationFailed: as in `fit_inputs`.
     """
     def points_of(group: Tests, *, suspect: bool = False) -> list[RecordedPoint]:
         if isinstance(group, Run):

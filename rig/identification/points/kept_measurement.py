@@ -1,4 +1,4 @@
-"""Measurements of recorded points, kept beside the points: a fit, a report and a comparison prepare each point once."""
+"""Cached measurements of recorded points: fits, reports and comparisons prepare each point only once."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from rig.recording.recorded_point import RecordedPoint
 
 NAME = "prepared"
 SINGLE = {one.name for one in fields(Measurement) if one.type in {"str", "float", "int", "bool"}} - {"file"}
-"""Fields that are a text, a number or a truth value; the file's path changes when the run is moved."""
+"""Scalar fields (text, number or boolean), without the file's path, which changes if the run is moved."""
 ERROR = "motion_error."
 
 
 def kept_measurement(
     point: RecordedPoint, skew: PointSkew | None, prepare: Callable[[RecordedPoint, PointSkew | None], Measurement]
 ) -> Measurement:
-    """The measurement of a point, as kept if it was made from the same data by the same code; else made and kept.
+    """Return the cached measurement of a point for the same data and code, or prepare and cache it.
 
     Args:
         point: the point.
         skew: as in `prepare`.
-        prepare: makes it.
+        prepare: creates the measurement.
     """
     cache = PointCache(point, NAME, repr(skew))
     entry = cache.read()

@@ -1,12 +1,12 @@
-"""Long tests as mean cycles: each sample the mean of recorded ones at the same phase, so that a fit costs the same.
+"""Long tests as mean cycles: samples with the same phase are averaged, which limits the cost of a fit.
 
-Of a motion that repeats at a constant current, every recorded force is a value at a phase of the cycle plus noise. What
-the samples of a phase say about a model's parameters is in their mean and their number; what they say about the noise
-is in their scatter, which is kept (`MeanCycles`). Successive cycles are averaged in groups, so that a drift, heating of
-the damper and the scatter from cycle to cycle are still seen; of a finely sampled cycle neighbours are averaged too.
+If a motion repeats at a constant current, every recorded force is a value at a phase of the cycle plus noise. The mean
+and number of the samples at a phase contain their information on the model parameters; their scatter, which is stored
+in `MeanCycles`, describes the noise. Successive cycles are averaged in groups, so drift, heating of the damper and
+scatter from cycle to cycle remain visible. In a finely sampled cycle, adjacent samples are averaged, too.
 
-A mean over an interval of phases is not the value at its middle: with the samples' mean distance d and mean square
-distance from there, `F(middle) = mean F - F' mean d - F''/2 mean d^2`, the derivatives from the mean of all cycles.
+The mean over a phase interval differs from the value at its midpoint. With d, the distance of a sample from the
+midpoint, `F(middle) = mean F - F' mean d - F''/2 mean d^2`, the derivatives from the mean of all cycles.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from rig.identification.remarks import say
 from rig.signals.waveform import WAVEFORMS
 
 LONG = 65_536
-"""Samples of a test up to which all are fitted."""
+"""Largest number of samples of a test that is fitted without averaging."""
 KEPT = 32_768
-"""Means of a long test, about: more cost time, fewer make the interval of phases wide."""
+"""Approximate number of means of a long test: more cost time, fewer make the phase intervals wide."""
 MOST_PHASES = 2048
 FEWEST_GROUPS = 16
 WORTHWHILE = 1.5
-"""Recorded samples in a mean, below which averaging is not worth it."""
+"""Minimum number of recorded samples per mean; averaging fewer is not worthwhile."""
 SAME_PERIOD = 0.01
-"""Relative difference of the period that the motion shows and the one that is known."""
+"""Tolerance for the relative difference between the measured and the known period."""
 TIE = 0.01
-"""Of the interval: samples that lie so near between two all go to the lower one, in every cycle."""
+"""Fraction of the interval within which samples near a boundary are always assigned to the lower interval."""
 SHARPENED = 3
-"""Rounds in which the values at the middle are found from the means."""
+"""Number of iterations to compute midpoint values from the means."""
 MOTION = ("u_m", "v_m_s", "a_m_s2", "unseen_v_m_s", "unseen_a_m_s2")
 OUT_OF_NOISE = 6.0
-"""Power over the noise, below which a harmonic of the force does not tell how a mean differs from the middle value."""
+"""Power relative to the noise below which a force harmonic is not used to correct means to midpoint values."""
 REPEATS = {"u_m": 1e-4, "v_m_s": 1e-3, "a_m_s2": 3e-2}
-"""Largest deviation of the motion from its mean cycle, of its root mean square, with which it repeats."""
+"""Maximum deviation of a repeating motion from its mean cycle, relative to the root mean square."""
 FEWEST_OF_MEAN = 0.5
-"""Share of the usual number of samples, below which a mean counts for none."""
+"""Fraction of the usual number of samples below which a mean is ignored."""
 
 
 def mean_cycles(test: Measurement) -> Measurement:
-    """A long test whose motion repeats, by its mean cycles; any other test as it is."""
+    """Convert a long test with a repeating motion to mean cycles; return any other test unchanged."""
     if test.u_m.size <= LONG or test.waveform not in WAVEFORMS or test.samples_per_cycle < 1:
         return test
     if test.commanded_A is not None or float(np.ptp(test.current_A)) > 0.0:
@@ -63,7 +63,7 @@ def mean_cycles(test: Measurement) -> Measurement:
 
 
 def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArray]) -> Measurement:
-    """The test by its means, with the motion over the mean cycle."""
+    """The averaged test, with the motion of the mean cycle."""
     sums, scored = _Sums(places.groups, places.phases, 1), test.scored
     for rows, group, phase, apart in _pieces(test, places):
         some = scored[rows]
@@ -94,7 +94,7 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
 
 
 def _temperature_degC(test: Measurement, places: _Places) -> FloatArray | None:
-    """The mean recorded temperature (degC) of each mean; None where none was recorded."""
+    """Mean recorded temperature (degC) for each mean; None if it was not recorded."""
     if test.temperature_degC is None:
         return None
     sums = _Sums(places.groups, places.phases, 1)
@@ -105,7 +105,7 @@ def _temperature_degC(test: Measurement, places: _Places) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class _Places:
-    """Where the samples belong: groups of successive cycles, intervals of phases.
+    """Assignment of samples to groups of successive cycles and to phase intervals.
 
     Attributes:
         period: samples in a cycle, not rounded.
@@ -121,7 +121,7 @@ class _Places:
 
     @classmethod
     def of(cls, test: Measurement) -> _Places:
-        """Those of a test; as many neighbours as possible have the same number of samples."""
+        """Assignment for a test; as many intervals as possible have the same number of samples."""
         period = samples_a_cycle(test.u_m)
         cycles = max(1, int(test.u_m.size / period + TIE))
         phases = max(1, round(period / math.ceil(period / MOST_PHASES)))
@@ -129,7 +129,7 @@ class _Places:
         return cls(period, cycles, phases, max(1, cycles // together))
 
     def at(self, rows: slice) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-        """Group and interval of some samples, and their distance from its middle (intervals), shape (n,) each."""
+        """Group and interval of samples, and their distance from its midpoint (in intervals), shape (n,) each."""
         place = np.arange(rows.start, rows.stop) * (self.phases / self.period)
         whole = np.floor(place + 0.5 - TIE).astype(np.int64)
         cycle = np.minimum(whole // self.phases, self.cycles - 1)
@@ -137,7 +137,7 @@ class _Places:
 
 
 class _Sums:
-    """Sums over the samples in each group and interval: their number, distances from the middle, columns of values."""
+    """Sums over the samples in each group and interval: count, distances from the midpoint, columns of values."""
 
     def __init__(self, groups: int, phases: int, columns: int) -> None:
         self._sums = np.zeros((columns + 3, groups, phases))
@@ -153,7 +153,7 @@ class _Sums:
 
     @property
     def counts(self) -> FloatArray:
-        """Samples of each group and interval, (groups, phases)."""
+        """Number of samples in each group and interval, (groups, phases)."""
         counts: FloatArray = self._sums[0]
         return counts
 
@@ -162,7 +162,7 @@ class _Sums:
         return np.asarray(self._sums[1:] / np.maximum(self.counts, 1.0))
 
     def curves(self, *, noisy: bool) -> list[_Curve]:
-        """Each column over the cycle, all groups together; `noisy`: bent only as its noise certainly is not."""
+        """Each column over the cycle, for all groups; with `noisy`, curvature from significant harmonics only."""
         total = self._sums.sum(axis=1)
         seen = np.flatnonzero(total[0])
         apart, square, *columns = (
@@ -174,7 +174,7 @@ class _Sums:
 
 @dataclass(frozen=True)
 class _Curve:
-    """A value over the cycle, (phases,): at the middle of each interval, with its slope and bend (per interval)."""
+    """A value over the cycle, (phases,): at the midpoint of each interval, with slope and curvature (per interval)."""
 
     values: FloatArray
     slope: FloatArray
@@ -182,7 +182,7 @@ class _Curve:
 
     @classmethod
     def through(cls, means: FloatArray, apart: FloatArray, square: FloatArray, *, noisy: bool) -> _Curve:
-        """The curve with these means over samples at these mean distances and mean square distances."""
+        """The curve with these means, for samples with these mean distances and mean square distances."""
         curve = cls._of(means, noisy=noisy)
         for _ in range(SHARPENED):
             curve = cls._of(means - curve.slope * apart - 0.5 * curve.bend * square, noisy=noisy)
@@ -196,16 +196,16 @@ class _Curve:
         return cls(values, slope, (16.0 * (after + before) - (after2 + before2) - 30.0 * smooth) / 12.0)
 
     def at(self, phase: NDArray[np.int64], apart: FloatArray) -> FloatArray:
-        """The value at distances (n,) from the middle of intervals (n,)."""
+        """The value at distances (n,) from the midpoints of intervals (n,)."""
         return np.asarray(self.values[phase] + self.beside(phase, apart))
 
     def beside(self, phase: NDArray[np.int64], apart: FloatArray) -> FloatArray:
-        """What the value at distances (n,) has beyond that at the middle of intervals (n,)."""
+        """Difference between the value at distances (n,) and that at the midpoints of intervals (n,)."""
         return np.asarray((self.slope[phase] + 0.5 * self.bend[phase] * apart) * apart)
 
 
 def _standing_out(values: FloatArray) -> FloatArray:
-    """The harmonics of a curve that stand out of its noise: what bends by noise bends all groups, as a misfit would."""
+    """Harmonics of a curve above its noise; noise would bend the curve of all groups, like a misfit."""
     spectrum = np.fft.rfft(values)
     power = np.abs(spectrum) ** 2
     noise = float(np.median(power[power.size // 2 :])) / math.log(2.0)
@@ -215,13 +215,13 @@ def _standing_out(values: FloatArray) -> FloatArray:
 def _pieces(
     test: Measurement, places: _Places
 ) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64], FloatArray]]:
-    """The samples piece by piece: rows, group, interval, distance."""
+    """Iterate over the samples in pieces: rows, group, interval, distance."""
     for rows in test.pieces():
         yield rows, *places.at(rows)
 
 
 def _motion(test: Measurement, places: _Places) -> dict[str, FloatArray] | None:
-    """The motion over the mean cycle, (phases,) each; None where it does not repeat."""
+    """Motion of the mean cycle, (phases,) each; None if the motion does not repeat."""
     names = [name for name in MOTION if getattr(test, name) is not None]
     sums = _Sums(1, places.phases, len(names))
     for rows, group, phase, apart in _pieces(test, places):

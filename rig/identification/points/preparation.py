@@ -69,15 +69,15 @@ def prepare_all(
     points: Iterable[RecordedPoint], skews: Skews | None = None,
     reduced: Callable[[Measurement], Measurement] | None = None,
 ) -> tuple[list[Measurement], list[Remark]]:
-    """Measurements of all points that can be used, and one warning for each that cannot.
+    """Measurements of all usable points, and one warning for each unusable point.
 
     Args:
-        points: the points to prepare.
-        skews: of `campaign_skews`, of the whole campaigns that the points belong to; None: the points are all there is.
-        reduced: what to keep of each measurement before the next one is made; None: all of it.
+        points: points to prepare.
+        skews: result of `campaign_skews` for the complete campaigns of the points; None: there are no other points.
+        reduced: applied to each measurement before the next one is made, to save memory; None: no change.
 
     Raises:
-        IdentificationFailed: no point can be used; the message says why for each.
+        IdentificationFailed: no point is usable; the message states the reason for each.
     """
     measurements: list[Measurement] = []
     refusals: list[Remark] = []
@@ -117,10 +117,10 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
 
 
 def _made(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
-    """A point as a measurement, from its file.
+    """Prepare a point from its file.
 
     Raises:
-        IdentificationFailed: as `prepare`, but for the verdict.
+        IdentificationFailed: as `prepare`, except for the verdict.
     """
     test = _prepared(point, skew) if has_cycles(point) else prepare_whole(point, skew)
     return _with_time_errors(test, point)
@@ -313,12 +313,12 @@ def cycle_scatter_N(
 
 
 def repeat_scatter_N(first_N: FloatArray, later_N: FloatArray, spread: FloatArray | float) -> float:
-    """Standard deviation (N) of forces by those at the same phase of the next cycle.
+    """Standard deviation (N) of forces, from those at the same phase of the next cycle.
 
     Args:
         first_N: forces (n,), at least one.
-        later_N: those of the next cycle (n,).
-        spread: standard deviation of their difference for one of 1 N of each force, (n,) or the same for all.
+        later_N: forces of the next cycle (n,).
+        spread: standard deviation of the difference if that of each force is 1 N, (n,) or one value for all.
     """
     differences = (first_N - later_N) / spread
     # By the normal equations of one gain and one zero: a singular-value decomposition of all samples takes longer.

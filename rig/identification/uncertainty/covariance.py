@@ -126,7 +126,7 @@ def information(
 
 
 def _of_recorded(residual: Residual, means: MeanCycles, power_N2: float) -> Residual:
-    """What the residual of mean cycles, of this mean square (N^2), says of the recorded samples."""
+    """Convert the residual of mean cycles, with this mean square (N^2), to that of the recorded samples."""
     whole_N2 = power_N2 + means.scatter_N**2
     widening = residual.widening * means.samples * power_N2 / whole_N2 if whole_N2 > 0.0 else 1.0
     return replace(residual, noise_N=math.hypot(residual.noise_N, means.scatter_N), widening=max(1.0, widening))

@@ -129,7 +129,7 @@ class SensorThread(ReadingThread):
 
     @property
     def refusal(self) -> tuple[str, str]:
-        """Slug and words of why what is received cannot be this sensor's; two empty texts while nothing shows it."""
+        """Code and reason why the received data cannot come from this sensor; two empty strings if it may."""
         # A driver of a plug-in need not have it.
         refusal: tuple[str, str] = getattr(self._driver, "refusal", ("", ""))
         return refusal
