@@ -265,7 +265,7 @@ class CanSensorPort:
                 self._others.add(address)
                 return b""
         if remote:
-            return b""  # a request, perhaps another host's
+            return b""  # a request, possibly from another host
         self._sizes.add(len(data))
         self._heard += len(data) == frame.size
         return frame.row(data)

@@ -173,7 +173,7 @@ class ModbusLine:
                 self._send(clock.monotonic_ns())
             except DriverError as error:
                 self.connection.lose(error)
-        # The request under way before it has its own time.
+        # Also wait for the request that is already pending.
         self.connection.wait(lambda: call.done, timeout_s + self._longest_s, device, self.next_ns)
         with self.connection.state:
             if not call.done:
@@ -292,7 +292,7 @@ class ModbusLine:
             else:
                 self._take_tcp(chunk, arrival_ns)
         except RemoteProtocolError as error:
-            # Where the next answer begins is not known: what was asked is asked anew.
+            # The start of the next answer is unknown, so pending requests are repeated.
             self._fail(str(error), damaged=True)
             self._forget_input()
             if self.rtu:
@@ -336,7 +336,7 @@ class ModbusLine:
             block = request.of
             block.under_way -= 1
             for other in self._under_way if not self._clocked else ():
-                other.sent_ns = arrival_ns  # the device's clock goes on
+                other.sent_ns = arrival_ns  # the device's clock continues
             code = modbus.refusal(request.pdu, pdu)
             head, size = bytes([block.function, 2 * block.count]), 2 + 2 * block.count
             if code is None and (len(pdu) != size or not pdu.startswith(head)):

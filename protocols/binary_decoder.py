@@ -227,7 +227,7 @@ class FrameMeaning:
         if self._decimals is not None and self._decimals_of is not None:
             places = scaled(self._decimals, self._decimals_of(frame))
             if not 0.0 <= places <= MOST_DECIMALS:
-                status |= STATUS_SENSOR_FAULT  # what the number means is not known
+                status |= STATUS_SENSOR_FAULT  # the meaning of the number is unknown
             else:
                 raw /= 10.0 ** int(places)
         value = math.nan if status else scaled(self._value, raw)

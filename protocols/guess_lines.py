@@ -55,7 +55,7 @@ def described_lines(data: bytes) -> Iterator[dict[str, Any]]:
             continue
         usual_texts = [text for text in texts if _shape(text) == shape]
         others = [text for text in texts if _shape(text) != shape]
-        # A status that no format can have is left open.
+        # Text that cannot be a status remains a wildcard.
         tables = [_described(usual_texts, shape), _described(usual_texts, shape, {"status": {}})]
         for table in tables:
             if table is None:
@@ -89,7 +89,7 @@ def _described(texts: Sequence[str], numbers: int, begun: Mapping[str, Any] | No
         return None
     chosen = _reading(list(zip(*values, strict=True)))
     columns = list(zip(*literals, strict=True))
-    # What stands behind the reading is its unit and status before anything else is.
+    # Text after the reading is interpreted as its unit and status first.
     behind = _behind(columns[chosen + 1], table)
     pattern = ""
     for at, between in enumerate(columns):

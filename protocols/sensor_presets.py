@@ -101,9 +101,9 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
     "labjack-t": {
         "description": "LabJack T4, T7, T8 over Modbus TCP: the voltage at AIN0; AINn has the address 2 n",
         "kind": "modbus", "function": "holding", "address": 0, "type": "f32", "unit": "V",
-        # The widest range is +-11 V (T8; T7: +-10 V; T4: +-10 V or 0 to 2.5 V). -9999 stands for no voltage.
+        # The widest range is +-11 V (T8; T7: +-10 V; T4: +-10 V or 0 to 2.5 V). -9999 means: no valid voltage.
         "valid": [-13.0, 13.0],
-        # AIN0 to AIN7, which every device has, can be read together.
+        # AIN0 to AIN7 exist on every device and can be read together.
         "largest_gap": 12,
         "nominal_rate_Hz": 200.0,
     },

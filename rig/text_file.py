@@ -132,9 +132,9 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 class FirstRead:
-    """Within `with`, `read_bytes` returns what a file held when it was first read there, whatever it holds by then.
+    """Within `with`, `read_bytes` always returns the content of a file at the first read.
 
-    So check, digest, plan and copy are of the same bytes. It may be entered again and again, also after an error.
+    Check, digest, plan and copy then use the same bytes. The context can be entered repeatedly, also after an error.
     """
 
     def __init__(self) -> None:
@@ -150,11 +150,11 @@ class FirstRead:
         _FIRST_READ.reset(self._tokens.pop())
 
     def forget(self) -> None:
-        """Free the memory: from now on files are read anew."""
+        """Free the memory; later reads read the files again."""
         self._contents.clear()
 
     def read(self, path: Path, limit_bytes: int) -> bytes:
-        """The first `limit_bytes` + 1 bytes of a file, or all of them.
+        """Return the first `limit_bytes` + 1 bytes of a file, or all if there are fewer.
 
         Raises:
             FileProblem: as `open_regular`.
@@ -175,7 +175,7 @@ def _content(path: Path, limit_bytes: int) -> bytes:
 
 
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
-    """The content of a regular file; within `FirstRead`, what it held at first.
+    """Return the content of a regular file; within `FirstRead`, the content at the first read.
 
     Raises:
         FileProblem: missing, unreadable, not a regular file, or too large.

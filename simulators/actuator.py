@@ -172,7 +172,7 @@ class Actuator:
         if self.faults.watchdog_absent or self.limits.watchdog_ms == 0 or math.isnan(self._fed_s):
             return False
         if int(self.plant.command["pressure"][0]) < self.watchdog_pressure:
-            self._fed_s = math.nan  # it does not work, and begins anew with the first feed after that
+            self._fed_s = math.nan  # it is inactive, and restarts with the next feed
             return False
         return self.served_s - self._fed_s > self.limits.watchdog_ms * 1e-3
 

@@ -22,7 +22,7 @@ BY_HAND = "generic-scpi"
 """The supply that is adjusted in place of the operator who sets the current."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 BITRATE = 500_000
-"""Of the CAN bus (bit/s)."""
+"""Bit rate of the CAN bus (bit/s)."""
 STATUS_S = 0.010
 """Usual period of an ECU's status, and of the commands to it."""
 STALE_STATUSES = 3

@@ -1,4 +1,4 @@
-"""A simulated sensor's end of the CAN bus: its rows of bytes go out as frames, and requests for readings come in."""
+"""CAN side of a simulated sensor: sends its rows of bytes as frames, and receives requests for readings."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from rig.clock import monotonic_ns
 from simulators.slcan_bus import SlcanBus, frame_line
 
 SIMULATED_ADDRESS = 0x90
-"""J1939 source address of a sensor whose format states none."""
+"""J1939 source address of a sensor whose format does not specify one."""
 
 
 class CanSensorPort:
-    """The port of one sensor; a `simulators.serial_port.SensorPort`.
+    """Port of one sensor; a `simulators.serial_port.SensorPort`.
 
     Args:
-        bus: the bus, which carries the frames of other devices, too.
+        bus: the bus, which other devices may share.
         layout: the sensor's format.
-        message: its message.
+        message: CAN message of the sensor.
 
     Attributes:
-        waits: frames wait in the sockets of the bus's clients, not here.
+        waits: has no effect; frames wait in the sockets of the bus's clients.
     """
 
     def __init__(self, bus: SlcanBus, layout: BinaryFormat, message: CanFrame) -> None:
@@ -37,7 +37,7 @@ class CanSensorPort:
 
     @property
     def url(self) -> str:
-        """Where the bus is."""
+        """Address of the bus."""
         return f"socket://127.0.0.1:{self._bus.port}"
 
     def write(self, data: bytes, frame_size: int) -> None:
@@ -49,26 +49,26 @@ class CanSensorPort:
         self.sent_bytes += len(data)
 
     def unread(self) -> int:
-        """Nothing waits here."""
+        """Always 0: nothing waits here."""
         return 0
 
     @property
     def read_once(self) -> bool:
-        """Whether a client hears the bus."""
+        """Whether a client receives frames from the bus."""
         self._read_once = self._read_once or any(client.listening for client in self._bus.clients)
         return self._read_once
 
     def listen(self) -> None:
-        """Keep the requests that come from now on."""
+        """Store requests from now on."""
         self._bus.listeners.append(self._hear)
 
     def heard(self) -> list[tuple[int, bytes]]:
-        """The requests since the last call, each with the monotonic time (ns) it came at."""
+        """The requests since the last call, each with its monotonic arrival time (ns)."""
         heard, self._heard = self._heard, []
         return heard
 
     def close(self) -> None:
-        """The sensor is off: it sends no more; the bus stays."""
+        """Switch the sensor off; the bus remains open."""
         self._closed = True
 
     def _hear(self, identifier: int, data: bytes, remote: bool) -> None:

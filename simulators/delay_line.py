@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 SHORT = 24
-"""Of so few values a list is faster than an array; the numbers are the same."""
+"""Number of values up to which a list is faster than an array; the results are identical."""
 
 
 class DelayLine:

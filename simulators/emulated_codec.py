@@ -35,7 +35,7 @@ def raw_of(quantity: Quantity, value: float) -> int:
 
 
 def digits_of(shown: float, quantity: Quantity) -> int:
-    """A number as decimal digits, each in four bits, the last in the lowest; what is beyond them is their end."""
+    """A number as BCD digits, the last digit in the lowest four bits; larger numbers are limited to the largest one."""
     count = 16 * quantity.length // DIGIT_BITS
     number = max(0, min(10**count - 1, math.floor(shown + 0.5))) if math.isfinite(shown) else 0
     return sum(number // 10**place % 10 << DIGIT_BITS * place for place in range(count))
@@ -58,12 +58,12 @@ def value_of(quantity: Quantity, raw: int) -> float:
 
 
 def words_of(quantity: Quantity, raw: int, *, swapped: bool = False) -> list[int]:
-    """The registers that hold these bits, in the order of their addresses; of a split value the highest word first.
+    """Registers with these bits, in the order of their addresses; for a split value, highest word first.
 
     Args:
-        quantity: says how many and in which order.
+        quantity: defines their number and order.
         raw: the bits.
-        swapped: a fault: words come in the wrong order.
+        swapped: fault: the words are in the wrong order.
     """
     words = [raw >> 16 * place & 0xFFFF for place in range(quantity.length)]
     if (quantity.word_order == "big") is not swapped:

@@ -43,10 +43,10 @@ class Script:
 
 @dataclass(frozen=True)
 class Seen:
-    """A step of a command that is complete: whether it decides, and what the host waits for now.
+    """A completed step of a command: whether it triggers the command, and what the host waits for next.
 
     Attributes:
-        leads: it comes before the one that decides.
+        leads: whether it precedes the step that triggers the command.
     """
 
     command: Command

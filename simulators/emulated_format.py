@@ -95,7 +95,7 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     if described.exchange.request:
         rate_Hz = min(rate_Hz, described.nominal_rate_Hz or REQUEST_RATE_Hz)
         burst_s = min(burst_s, BURST_SHARE / rate_Hz)
-    # What a Modbus register's answer takes is a part of the exchange.
+    # The time for a Modbus answer is part of the exchange.
     polled = isinstance(described, BinaryFormat) and described.registers is not None
     return replace(
         options, format=described, described=given, latency_s=0.0 if polled else options.latency_s,

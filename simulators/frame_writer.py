@@ -21,18 +21,18 @@ _LETTERS = {"value": "v", "status": "s", "sequence": "n", "time": "t"}
 
 
 class FrameWriter:
-    """Writes frames of one format.
+    """Encodes readings as frames of one format.
 
     Args:
-        binary_format: what to write.
-        low, high: the smallest and the largest reading that is still one (in the format's unit).
+        binary_format: format of the frames.
+        low, high: smallest and largest valid reading (in the format's unit).
 
     Attributes:
-        size: bytes of the longest frame; where stuffing makes them differ, and of the length behind it; of a CAN
-            message with the length before it (`protocols.can_frame`).
+        size: bytes of the longest frame; with stuffing, including an appended length; for a CAN message, including a
+            leading length (`protocols.can_frame`).
 
     Raises:
-        LocalProtocolError: the format cannot hold these.
+        LocalProtocolError: the format cannot represent these readings.
     """
 
     def __init__(self, binary_format: BinaryFormat, low: float, high: float) -> None:
@@ -50,7 +50,7 @@ class FrameWriter:
 
     @property
     def is_on_CAN(self) -> bool:
-        """Whether the frames are messages on a CAN bus."""
+        """Whether the frames are CAN messages."""
         return self._format.can is not None
 
     def __call__(

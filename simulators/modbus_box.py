@@ -1,7 +1,7 @@
-"""A simulated data-acquisition device: sensors, and an analogue output, behind one Modbus address.
+"""A simulated data-acquisition device: sensors and an analogue output at one Modbus address.
 
-The samples are the simulated sensors'; here is the device's side of the connection. One request may read the registers
-of several sensors, which are then sampled at the same instant.
+The simulated sensors provide the samples; this module is the device's side of the connection. If one request reads the
+registers of several sensors, they are sampled at the same time.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ SPACES = {
     modbus.WRITE_COIL: "coil", modbus.WRITE_COILS: "coil", modbus.WRITE_REGISTER: "holding", modbus.WRITE: "holding",
 }  # fmt: skip
 _FIXED_SIZE = 8
-"""Bytes of a request on a serial line whose length does not depend on its content."""
+"""Length of serial-line requests with a fixed length (bytes)."""
 _TCP_HEAD, _RTU_HEAD, _CRC_SIZE = 9, 3, 2
 
 
 @dataclass
 class _Request:
-    """A read of sensors' registers that waits for their samples."""
+    """A pending request to read sensor registers, waiting for samples."""
 
     transaction: int
     unit: int
@@ -37,15 +37,15 @@ class _Request:
 
 
 class ModbusBox:
-    """One device.
+    """One simulated device.
 
     Args:
-        port: its connection.
+        port: connection of the device.
         rtu: Modbus RTU, else Modbus TCP.
-        clocked: the host's clock is the device's: a request that is followed by another one was given up.
+        clocked: whether host and device share a clock; a request followed by another one was then abandoned.
 
     Attributes:
-        output: an analogue output of the same device.
+        output: analogue output of the device, if any.
     """
 
     def __init__(self, port: SensorPort, *, rtu: bool, clocked: bool) -> None:
@@ -57,25 +57,25 @@ class ModbusBox:
         self._held = b""
         self._frames = modbus.TcpFrames()
         if isinstance(port, SocketPort):
-            port.on_heard = self.hear  # an output is answered at once, not at the rig's next tick
+            port.on_heard = self.hear  # outputs are answered immediately, not at the rig's next tick
 
     @property
     def address(self) -> str:
-        """Host and port of a device on TCP."""
+        """Host and port of the device on TCP."""
         return self.port.url.partition("://")[2]
 
     def has_room(self, wanted: Registers) -> bool:
-        """Whether none of these registers belongs to a sensor of this device already."""
+        """Whether none of these registers belongs to a sensor of the device."""
         return not any(_overlap(member.registers, wanted) for member in self._members)
 
     def add(self, layout: BinaryFormat, registers: Registers) -> BoxPort:
-        """The port of a further sensor."""
+        """Add a sensor and return its port."""
         member = BoxPort(self, layout, registers)
         self._members.append(member)
         return member
 
     def can_host(self, output: SimulatedOutput) -> bool:
-        """Whether the registers of an output are free."""
+        """Whether the registers of an output are unused."""
         blocks = output.blocks()
         return not self._rtu and not any(
             SPACES[member.registers.function] == space and member.registers.unit == DEVICE_ID
@@ -84,7 +84,7 @@ class ModbusBox:
         )
 
     def hear(self) -> None:
-        """Take the requests that have come: reads of sensors wait for their samples, the others are answered."""
+        """Process the received requests: reads of sensors wait for samples; other requests are answered."""
         for came_ns, data in self.port.heard():
             try:
                 requests = list(self._rtu_requests(data) if self._rtu else self._tcp_requests(data))
@@ -103,7 +103,7 @@ class ModbusBox:
                     self._answer(transaction, unit, self._of_output(unit, pdu))
 
     def flush(self) -> None:
-        """Answer the requests whose samples have been taken."""
+        """Answer the requests whose samples are complete."""
         while self._waiting and all(member.frames for member in self._waiting[0].members):
             request = self._waiting.popleft()
             first, count = (int.from_bytes(request.pdu[at : at + 2], "big") for at in (1, 3))
@@ -132,7 +132,7 @@ class ModbusBox:
             self.port.write(frame, len(frame))
 
     def _read_by(self, unit: int, pdu: bytes) -> list[BoxPort]:
-        """The sensors whose registers a request reads, all of them whole."""
+        """Sensors whose registers a request reads completely."""
         if pdu[0] not in {modbus.READ, modbus.READ_INPUT}:
             return []
         first, count = (int.from_bytes(pdu[at : at + 2], "big") for at in (1, 3))
@@ -143,7 +143,7 @@ class ModbusBox:
         ]
 
     def _of_output(self, unit: int, pdu: bytes) -> bytes | None:
-        """The answer of the analogue output; an exception where there is none, None for silence."""
+        """Answer of the analogue output; an exception if there is no output, None for no answer."""
         function, output = pdu[0], self.output
         if output is None or unit != DEVICE_ID:
             return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_ADDRESS])
@@ -200,14 +200,14 @@ class ModbusBox:
 
 @dataclass(eq=False)
 class BoxPort:
-    """What one sensor has of its device; a `simulators.serial_port.SensorPort`.
+    """Port of one sensor on the device; a `simulators.serial_port.SensorPort`.
 
     Attributes:
         box: the device.
-        layout: the sensor's format.
+        layout: format of the sensor.
         registers: of that format.
-        requests: that have come and are not sampled yet.
-        frames: samples, each as an answer to a request for this sensor alone.
+        requests: received requests without samples.
+        frames: samples, each encoded as an answer to a request for only this sensor.
     """
 
     box: ModbusBox
@@ -218,22 +218,22 @@ class BoxPort:
 
     @property
     def request(self) -> bytes:
-        """What a request for this sensor alone would be."""
+        """Request that reads only this sensor."""
         return self.layout.exchange.request
 
     @property
     def sync(self) -> bytes:
-        """How its frames begin."""
+        """First bytes of its frames."""
         return self.layout.sync
 
     @property
     def head(self) -> int:
-        """Bytes before the registers."""
+        """Number of bytes before the registers."""
         return _RTU_HEAD if self.registers.rtu else _TCP_HEAD
 
     @property
     def waits(self) -> bool:
-        """Nothing is dropped: the rig's clock stands until the host has read."""
+        """Whether the rig's clock waits until the host has read, so nothing is dropped."""
         return self.box.port.waits
 
     @waits.setter
@@ -242,22 +242,22 @@ class BoxPort:
 
     @property
     def url(self) -> str:
-        """What the host opens."""
+        """URL that the host opens."""
         return self.box.port.url
 
     @property
     def dropped_frames(self) -> int:
-        """Answers dropped because the host had not read."""
+        """Number of answers dropped because the host did not read them."""
         return self.box.port.dropped_frames
 
     @property
     def unheard_frames(self) -> int:
-        """Answers dropped before any host read."""
+        """Number of answers dropped before a host read the first one."""
         return self.box.port.unheard_frames
 
     @property
     def sent_bytes(self) -> int:
-        """Bytes of answers accepted so far."""
+        """Number of answer bytes accepted so far."""
         return self.box.port.sent_bytes
 
     @property
@@ -266,7 +266,7 @@ class BoxPort:
         return self.box.port.read_once
 
     def write(self, data: bytes, frame_size: int) -> None:
-        """Take whole samples of `frame_size` bytes; damaged ones are passed on damaged."""
+        """Accept complete samples of `frame_size` bytes; damaged samples remain damaged."""
         if len(data) % frame_size:
             self.frames.append(data)
         else:
@@ -274,21 +274,21 @@ class BoxPort:
         self.box.flush()
 
     def unread(self) -> int:
-        """Bytes sent and not yet read by the host."""
+        """Number of bytes sent but not yet read by the host."""
         return self.box.port.unread()
 
     def listen(self) -> None:
-        """Keep what the host sends from now on."""
+        """Store requests from now on."""
         self.box.port.listen()
 
     def heard(self) -> list[tuple[int, bytes]]:
-        """The requests since the last call, each with the monotonic time (ns) it came at."""
+        """The requests since the last call, each with its monotonic arrival time (ns)."""
         self.box.hear()
         requests, self.requests = self.requests, []
         return requests
 
     def close(self) -> None:
-        """The device is off: its connection ends for everything behind it."""
+        """Switch the device off and close the connection for all its sensors and its output."""
         self.box.port.close()
 
 

@@ -196,7 +196,7 @@ class CoilOptions:
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """One serial sensor. Values are in its wire unit (`unit`), `wire_per_si` of it for one SI unit.
+    """One serial sensor. Values are in its wire unit (`unit`); `wire_per_si` is the number of wire units per SI unit.
 
     `skew_s` is a delay of the measured quantity beyond the filter's, which neither the bench file nor the latched edges
     show; `clip` is where the amplifier saturates without saying so; without `latches_edges` there are no edge frames.
@@ -204,8 +204,8 @@ class SensorOptions:
     unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
     With `reversed` it counts the other way round, which the written bench file does not say. `format` is "frame16",
     "signed-decimal", or any described format; `described` is then its name or table in the bench file, and `wire_zero`
-    what is on the wire for zero. A format with a request is answered. Modbus sensors with the same `line` are parts of
-    one device where their registers do not overlap.
+    what is on the wire for zero. A format with a request is answered. Modbus sensors with the same `line` belong to one
+    device if their registers do not overlap.
     """
 
     unit: Literal["N", "mm", "m/s^2"] = "N"

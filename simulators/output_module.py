@@ -56,7 +56,7 @@ class SimulatedOutput:
         return self._hosted or self.server.url
 
     def is_hosted_by(self, address: str) -> None:
-        """Its registers are those of a device with sensors at this address (host:port); no server of its own opens."""
+        """Use the registers of a device with sensors at this address (host:port) instead of a separate server."""
         self._hosted = f"modbus-tcp://{address}"
 
     @property
@@ -197,7 +197,7 @@ class SimulatedOutput:
                 self._put(cells, one, registers[one.space, one.address])
 
     def _states(self, recipe: Recipe, written: Quantity) -> bool:
-        """Whether a register holds what a recipe writes there: start and stop may write the same one."""
+        """Whether a register contains the value that a recipe writes; start and stop may use the same register."""
         held = {
             value for step in recipe if isinstance(step, Write) for quantity, value in step.values.items()
             if quantity == written and not isinstance(value, str)

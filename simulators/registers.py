@@ -35,7 +35,7 @@ WATCHDOG_MS = 500
 SHOWN_S = 0.15
 """So long (simulated s) an answer to a command stays before the device looks as if nothing was requested."""
 LED_S = 1.0
-"""So long (simulated s) the device shows what a host waits for before the step that decides a command."""
+"""Time (simulated s) for which the device shows intermediate states that a host waits for."""
 SHORTEST_S = 1e-3
 """Two set-points that come closer together are taken as if they did not."""
 USUAL_SHARE = 0.1
@@ -44,14 +44,14 @@ NO_LEASE = 1
 """Owner of a device without leases."""
 PRESSURES = (Pressure.OFF, Pressure.LOW, Pressure.ON)
 FOLLOWING = frozenset({State.HOLD, State.MOVING, State.RUNNING, State.FADING, State.HALTING})
-"""States of a machine that takes set-points."""
+"""States in which the machine accepts set-points."""
 CLOCKS = frozenset({"clock", "pulse_clock"})
 MODULAR = frozenset({"heartbeat", "pulse_count", "watchdog_echo", "program_id"})
 BY_MEANING = frozenset({"state", "fault_bits", "inputs"})
 """Quantities of the status that codes, bits and conditions make up."""
 
 MOST_SHOWN = 1024
-"""Of what a device has shown so many are kept: what it means does not have to be laid down again."""
+"""Number of cached register contents, which are not encoded again."""
 
 Cell = tuple[str, int]
 """Space and address of a register or coil."""
@@ -182,7 +182,7 @@ class RegisterBank:
     # What a write means
 
     def _touched(self, cells: Cells, before: Cells) -> list[Quantity]:
-        """The quantities that a write completes; of the bits of a register those that it changes, if it changes any."""
+        """Quantities that a write completes; for bits of a register, those that it changes (if any)."""
         touched = [one for cell in cells for one in self._ends.get(cell, ())]
         bits = [one for one in touched if one.bit is not None]
         same = {one.name for one in bits if self._raw(one) == self._raw(one, before)}
@@ -214,7 +214,8 @@ class RegisterBank:
                 self._follow_position(value_of(quantity, self._raw(quantity)))
 
     def _take_handovers(self, touched: Iterable[Quantity]) -> None:
-        """A set-point with a handshake: taken with the step that hands it over, acknowledged if the machine holds."""
+        """Accept a set-point with a handshake at its trigger step, and acknowledge it if the machine follows
+        set-points."""
         for seen in self._handovers.take({one.name: self._raw(one) for one in touched}):
             if self.actuator.state not in FOLLOWING:
                 continue
@@ -271,7 +272,7 @@ class RegisterBank:
             self.actuator.refuse(written[number], unknown)
         given: dict[str, float] = {}
         if seen:
-            # On the way to power a drive goes through states that the machine does not have.
+            # When powered up, a drive passes through states that the machine does not have.
             self._led = next((one.waits for one in seen if one.leads), ())
             self._led_s = self.actuator.plant.time_s + LED_S
         for one in seen:
@@ -320,7 +321,7 @@ class RegisterBank:
                 self._put(self._cells, whole, registers[whole.space, whole.address])
 
     def _shows(self, test: Test) -> bool:
-        """The machine's state decides what a test looks at; of a word, that bit."""
+        """Whether the machine's state determines what a test reads; for a word, the bit of the test."""
         bit = test.quantity.bit if test.bit is None else test.bit
         cell = test.quantity.space, test.quantity.address
         return test.quantity in self._status.quantities and (bit is None or not {None, bit}.isdisjoint(
@@ -514,7 +515,7 @@ def _cells(quantities: Iterable[Quantity]) -> set[Cell]:
 
 
 def _shown_bits(emulated: ControllerMap) -> dict[Cell, set[int | None]]:
-    """The bits of each register that the machine's state decides; None: all of them."""
+    """Bits of each register that the machine's state determines; None: all bits."""
     words = emulated.words
     rules = (*words.states.rules, *words.pressure.rules.values())
     conditions = [rule.condition for rule in rules]

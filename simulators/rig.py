@@ -60,7 +60,7 @@ FEWEST_FRAMES = 4
 CAN_LINES_BYTES_S = 2700.0
 """Bytes of the ECU's lines in one second of its clock."""
 SENSOR_LINE_BYTES = 27
-"""Of one frame of a sensor on the bus."""
+"""Bytes of one sensor frame on the bus."""
 BUS_BYTES = 512
 POLLS_LATE = 2.5
 IDLE_S = 0.5
@@ -84,7 +84,7 @@ class RunOptions:
     by_hand: str = ""
     """The coil's current by a supply in place of the ECU; by hand: the pressure while its knob is turned."""
     supply_line: str = ""
-    """An analogue output is a part of the device of the Modbus sensors with this `SensorOptions.line`."""
+    """`SensorOptions.line` of the Modbus sensors whose device contains the analogue output."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -407,7 +407,7 @@ class SimulatedRig:
         self.channels.append(Channel(name, sensor, port, column))
 
     def _box(self, options: SensorOptions, registers: Registers, kind: str) -> ModbusBox:
-        """The simulated device with these registers: the one of the sensor's line that has them free, or a new one."""
+        """Device for these registers: one on the sensor's line on which they are unused, or a new device."""
         mine = (options.line, registers.rtu)
         for key, box in self._boxes:
             if key == mine and box.has_room(registers):
@@ -418,7 +418,7 @@ class SimulatedRig:
         return box
 
     async def _open_supply(self) -> None:
-        """Listen for the host's supply; an analogue output is a part of the sensors' device where that has room."""
+        """Open the simulated supply; an analogue output joins the sensors' device if its registers are unused."""
         supply, line = self.supply, self.run_options.supply_line
         if isinstance(supply, SimulatedOutput):
             for (of, _), box in self._boxes:

@@ -318,7 +318,7 @@ class Sensor:
         return raw[~lost].tobytes()
 
     def _damaged_messages(self, rows: Bytes) -> bytes:
-        """The same on CAN, whose controllers pass no damaged frame: wrong lengths, or nothing at all."""
+        """Damage frames on CAN: wrong lengths or missing frames, because CAN controllers discard damaged frames."""
         if self.faults.wrong_baud:
             return b""
         hit = self._line_random.random(len(rows)) < GARBLED_SHARE * rows.shape[1]

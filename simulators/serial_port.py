@@ -202,7 +202,7 @@ class SocketPort:
     """A listening TCP socket for one host at a time, with 4 KiB of its own in front of a minimal send buffer.
 
     Attributes:
-        on_heard: called when something has come that is kept.
+        on_heard: called when stored data have arrived.
     """
 
     def __init__(self) -> None:

@@ -169,7 +169,7 @@ class Bench(Section):
             lines[self.ecu.port] = "ecu", (self.ecu.bitrate, self.ecu.interface_options)
         for place, sensor in self._sensors().items():
             name, key = str(place[0]), "interface" if sensor.bus is not None else "url"
-            # A CAN bus, a Modbus server and a line with Modbus RTU have several sensors, each with its own reading.
+            # A CAN bus, Modbus server or Modbus RTU line may have several sensors, each with its own reading.
             reading, same = sensor.reading, modbus_line(sensor.port)
             if (owner := owners.get((same, reading))) is not None:
                 text = f"is already used by {owner}; every sensor requires its own port"

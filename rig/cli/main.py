@@ -280,7 +280,7 @@ def _of_defect(error: Exception, arguments: Sequence[str], *, as_json: bool) -> 
 
 def _defect(error: Exception) -> str:
     """What is said of an error that no code expected; its traceback goes into a file in the temporary folder."""
-    # Loaded here: a third of the time of `rig --help` otherwise.
+    # Loaded here, because it takes a third of the time of `rig --help`.
     import tempfile
     import traceback
 

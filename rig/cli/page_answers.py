@@ -46,7 +46,7 @@ def plan_answer(request: Mapping[str, Any]) -> dict[str, Any]:
         RigError: as `rig plan`.
     """
     matrix_path, bench_path = Path(request["matrix"]), Path(request["bench"])
-    with FirstRead():  # the digest is that of the bytes that are shown
+    with FirstRead():  # digest of the displayed bytes
         plan, matrix, bench = planned(matrix_path, bench_path)
         digest = plan_digest(matrix_path, bench_path, matrix, bench)
     return {

@@ -67,7 +67,7 @@ class CurrentLawModel(DamperModel):
         def step(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
             return bool(inner_step(p, state, motion, felt(p, current), dt))
 
-        # What the model does not have stays what it is: loops leave that out.
+        # Parts that the model does not have are not replaced, because loops omit them.
         own = Kernel(force, loop=inner.loop)
         if inner.rates is not own.rates:
             own = replace(own, rates=rates, fastest_rate=fastest_rate)

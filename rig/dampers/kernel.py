@@ -395,7 +395,7 @@ def _stepwise(key: str) -> Compiled:
             if step > 0:
                 there = _step(p, state, u, v, a, current, dt, k - 1 if k > 0 else warm - 1, k)
                 if k == 0:
-                    # A cycle is no whole number of samples, so its last step ends a fraction of a sample from the first
+                    # A cycle is not a whole number of samples: its last step ends a fraction of a sample from the first
                     # one: states that are positions move with it, or they would meet the first sample with a jump.
                     for place in range(positions):
                         state[place] += u[0] - there

@@ -206,7 +206,7 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
         if key_of(model, name) == key and section_in(field.annotation) is None:
             homes.append("the top of the file, before the first table")
     if homes:
-        # A name that several tables have, such as `name`, was perhaps not meant for any of them.
+        # A key that several tables have, such as `name`, may not be intended for any of them.
         others = f"; allowed here: {', '.join(keys_of(section))}" if len(homes) > 1 else ""
         return f"this key is not allowed here. Fix: move it to {' or '.join(homes)}{others}"
     other_names: Mapping[str, str] = getattr(section, "other_names", {})

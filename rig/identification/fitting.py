@@ -221,7 +221,7 @@ def _fit_models(state: FitState) -> FitState:
     doubts = doubts_of(ranking, held_out)
     if len(state.laws) > 1:
         bent = [with_law(best.model, law) for law in state.laws if law != AFFINE]
-        # Searches of states within a search for a law stop at a rival's error, which must be known to each of them.
+        # State searches within the search for a law stop at a rival's error, which each of them must know.
         able = workers if splits(best.model, fitted) else HERE
         more, failed, _ = candidates_of(bent, fitted, method, options.on_progress, able)
         by_law, recommended = compare([best, *more], fitted, held_out, method, workers)

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 FEWEST_TESTS = 3
 LEAST_DRAWS = 20
-PARTS, PART = 4, 10  # parts for each worker, so that all end together; fewest draws of a part
+PARTS, PART = 4, 10  # parts per worker, so that all finish at about the same time; minimum samples per part
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def identify(
     Raises:
         IdentificationFailed: nothing can be identified; the message names what the data lack.
         FileProblem: the tests cannot be read.
-        TypeError: there is no such option.
+        TypeError: an option is unknown.
     """
     reading = {name: changes.pop(name) for name in OPTIONS if name in changes}
     options = FitOptions.of(options, changes)
@@ -136,12 +136,12 @@ def identify_run(
         paths: campaign directories, folders in which exactly one campaign is located, or point files.
         options: what is asked of the fit, as in `identify`. A held-out run may be given by its path.
         suspect: include suspect points, not only valid ones.
-        changes: options by name in place of those: see `FitOptions`.
+        changes: options by name, which replace those in `options`; see `FitOptions`.
 
     Raises:
         IdentificationFailed: nothing can be identified.
         FileProblem: a path is no run.
-        TypeError: there is no such option.
+        TypeError: an option is unknown.
     """
     runs = [Run.open(path) for path in paths]
     fit = identify(runs, options, suspect=suspect, **changes)
@@ -198,7 +198,7 @@ def identify_each(
         options: options of each fit; the `workers` fit the runs.
         suspect: include suspect points, not only valid ones.
         finished: called with each finished run and the number of finished runs.
-        changes: options by name in place of those: see `FitOptions`.
+        changes: options by name, which replace those in `options`; see `FitOptions`.
 
     Returns:
         One entry per run, in the order of the runs. A run that cannot be fitted does not affect the others.
@@ -207,7 +207,7 @@ def identify_each(
         FileProblem: a path is not a run, or is specified twice.
         RigError: the workers cannot read the runs.
         WorkersFailed: the workers can no longer be used; fits finished before are written.
-        TypeError: there is no such option.
+        TypeError: an option is unknown.
     """
     options = FitOptions.of(options, changes)
     workers = options.workers

@@ -111,7 +111,7 @@ def _attempts(
 ) -> list[_Attempt]:
     """Fit all models; each search is compared with the earlier models whose error is known by then."""
     if len(order) == 1:
-        workers = HERE  # a search may use them for its populations
+        workers = HERE  # a search may use the workers for its populations
     report, clock = on_progress or (lambda line: None), TimeLeft(len(order))
     known: dict[int, _Attempt] = {}
     shared = workers.share(list(fitted))

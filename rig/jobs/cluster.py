@@ -81,7 +81,7 @@ def cluster(address: str) -> Iterator[Cluster]:
         raise RigError(f"--scheduler needs Dask: {how_to_install('cluster')}") from error
     for name in list(logging.root.manager.loggerDict):
         if name.partition(".")[0] in {"distributed", "tornado"}:
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what they log is reported as an error below
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # their log messages are reported as an error below
     where = _address_in(Path(address)) if Path(address).is_file() else address
     if ADDRESS.fullmatch(where) is None:
         raise RigError(
@@ -107,7 +107,7 @@ def cluster(address: str) -> Iterator[Cluster]:
     except (CancelledError, CommClosedError) as error:
         raise WorkersFailed(f"Dask scheduler {address}: connection lost. Fix: check that it is running") from error
     finally:
-        with suppress(Exception):  # a scheduler that is gone need not take leave
+        with suppress(Exception):  # a lost scheduler cannot be closed cleanly
             client.close(timeout=2.0 if client.status == "running" else 0.1)
 
 
@@ -133,7 +133,7 @@ def _check_certificates(address: str) -> None:
     """
     if not address.startswith("tls://"):
         return
-    from distributed import Security  # an extra, and slow to load
+    from distributed import Security  # optional dependency, slow to load
 
     try:
         usable = Security().get_connection_args("client").get("ssl_context") is not None
@@ -187,7 +187,7 @@ class Cluster(RemoteWorkers):
         shared = Shared(uuid.uuid4().hex)
         self._payloads[shared.token] = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
         self._send(shared.token)
-        return cast("T", shared)  # what jobs are given in its place
+        return cast("T", shared)  # placeholder in the arguments of jobs
 
     def on_each(self, function: Callable[[], T]) -> dict[str, T]:
         """Call a function in each worker process; results by worker address."""
@@ -272,7 +272,7 @@ class Cluster(RemoteWorkers):
             if self._client.status == "running":
                 workers: Mapping[str, int] = self._client.nthreads()
                 return workers
-        except (OSError, ValueError, RuntimeError, AttributeError) as error:  # what a lost connection may raise
+        except (OSError, ValueError, RuntimeError, AttributeError) as error:  # exceptions of a lost connection
             raise self._lost() from error
         raise self._lost()
 

@@ -56,7 +56,7 @@ class LocalWorkers(ExecutorWorkers):
         descriptor, name = tempfile.mkstemp(dir=self._folder)
         with os.fdopen(descriptor, "wb") as file:
             pickle.dump(value, file, protocol=pickle.HIGHEST_PROTOCOL)
-        return cast("T", Shared(name, Path(name)))  # what jobs are given in its place
+        return cast("T", Shared(name, Path(name)))  # placeholder in the arguments of jobs
 
     def end(self) -> None:
         """Terminate the processes immediately."""

@@ -228,7 +228,7 @@ class RemoteWorkers(Workers):
                         return
                     future = self._next(done)
                     if future not in running:
-                        continue  # it ended with worker processes that were replaced since
+                        continue  # it was lost with worker processes that have been replaced
                     job = running.pop(future)
                     answer: Answer[T] | Missing = future.result()
                 except BrokenExecutor as error:

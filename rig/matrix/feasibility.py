@@ -160,7 +160,7 @@ def too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterato
 
 
 def _of_waveform(point: TestPoint, bench: Bench) -> Iterator[Reason]:
-    """What the controller's function generator does not produce."""
+    """Reason why the controller's function generator cannot produce a waveform."""
     if point.waveform == "triangle" and not bench.actuator.makes_triangles:
         yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
     if point.waveform == "sine" and not bench.actuator.makes_sines:

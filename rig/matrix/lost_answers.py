@@ -1,4 +1,4 @@
-"""What a single lost answer costs a device that is asked, and a warning where this alone would stop the rig."""
+"""Time without a value after one lost answer of a polled device; warns if this would stop the rig."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ROUNDING = 1e-9
 
 
 def lost_answer_hints(bench: Bench) -> tuple[str, ...]:
-    """A warning for each device whose `stale_after` is shorter than the time without a value after one lost answer."""
+    """Warnings on devices whose `stale_after` is shorter than the time without a value after one lost answer."""
     actuator = bench.actuator
     poll_s, timeout_s = actuator.poll_s, actuator.timeout_s
     made_of = f"poll period {_ms(poll_s)}, then one time-out of {_ms(timeout_s)}"
@@ -20,7 +20,7 @@ def lost_answer_hints(bench: Bench) -> tuple[str, ...]:
     auxiliaries = [(f"auxiliary {item.name}", item) for item in bench.auxiliary]
     for name, sensor in (("load_cell", bench.load_cell), ("lvdt", bench.lvdt), *auxiliaries):
         wait_s = _answer_timeout_s(sensor)
-        # A simulated rig that runs faster is asked in advance, with a time-out of its own.
+        # A simulated rig that runs faster is polled in advance, with its own time-out.
         if wait_s > 0.0 and bench.clock.device_rate == 1.0:
             period_s = 1.0 / sensor.rate_Hz
             made_of = f"period {_ms(period_s)}, then twice the time-out of {_ms(wait_s)}"
@@ -38,7 +38,7 @@ def _ms(time_s: float) -> str:
 
 
 def _answer_timeout_s(sensor: SensorConfig) -> float:
-    """How long an answer to a request is waited for (s); 0 for a sensor that sends by itself, or has its own driver."""
+    """Time-out of a request (s); 0 for a sensor that sends without requests or has its own driver."""
     try:
         exchange = described_format(sensor.described).exchange
     except LocalProtocolError:

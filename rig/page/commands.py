@@ -52,7 +52,7 @@ class Client:
     bench: bool = False
     """It shows the bench and no samples."""
     run: str = ""
-    """Name of the finished run that it shows; empty: the run of now."""
+    """Name of the displayed finished run; empty: the current run."""
 
 
 class Commands:

@@ -258,9 +258,9 @@ class Desk:
             self.started.keep()
 
     def finished(self, name: str) -> WatchedRun | None:
-        """A run of the list for the browser that shows it; None: not in the list, or the rig is in use.
+        """A listed run for the browser that shows it; None if it is not listed or the rig is in use.
 
-        While a run is in progress, every browser shows that run.
+        While a run is in progress, every browser shows it.
         """
         run = self.history.entry(name)
         return WatchedRun(self.bench.out / str(run["name"])) if run is not None and self.idle else None
@@ -289,13 +289,13 @@ class Desk:
 
     @property
     def matrices_due(self) -> bool:
-        """Whether the folder of the matrix files is to be read: once, then about once a second while nothing runs."""
+        """Whether to read the folder of matrix files: once, then about once per second while no run is in progress."""
         if self._listing.locked():
             return False
         return self._listed_ns is None or (self._now_ns() - self._listed_ns >= LOOK_EVERY_NS and self.idle)
 
     async def list_matrices(self) -> None:
-        """Read the folder of the matrix files; a Stop does not wait for that."""
+        """Read the folder of matrix files; a Stop does not wait for this."""
         async with self._listing:
             await asyncio.to_thread(self.matrices.look)
             self._listed_ns = self._now_ns()
@@ -303,9 +303,10 @@ class Desk:
     # What is asked of it
 
     async def answer(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        """The answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
+        """Answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
 
-        One at a time, and few that wait: the processor is the rig's. `of` names the matrix or run it is about.
+        Requests are answered one at a time, and few may wait, because the rig needs the processor. `of` names the
+            matrix or run.
         """
         do = str(message["do"])
         reply = {"do": do, "of": one_line(message.get("matrix", message.get("run")), LONGEST_NAME)}

@@ -79,7 +79,7 @@ class EndedRun:
 
     @property
     def points(self) -> dict[str, dict[str, Any]]:
-        """Verdicts by point, as sent to pages; `file` where there is one."""
+        """Verdicts by point, as sent to pages; `file` if there is one."""
         return {
             str(point.get("id")): {
                 "verdict": str(point.get("verdict", "")), "reasons": _texts(point.get("reasons")),

@@ -46,7 +46,7 @@ class History:
         return self.runs
 
     def _json(self, path: Path) -> dict[str, Any]:
-        """The content of a file of a run, which is read again when it has changed; empty where there is none."""
+        """Content of a file of a run, cached until the file changes; empty if there is no file."""
         try:
             state = path.stat()
         except OSError:

@@ -27,19 +27,20 @@ LONGEST_NAME = 120
 LINK = "is a symbolic link, which may point outside this folder. Fix: copy the matrix file into this folder"
 OTHER = "not a matrix file: it has no [specimen] table"
 READ_HERE_BYTES, READ_S, NICENESS = 100_000, 120.0, 10
-"""So much is read in this process: 0.05 s; the other process has so long, at this priority."""
+"""Bytes read in this process (0.05 s); time limit and priority of the other process."""
 NO_MATRIX = frozenset({"limits", "actuator", "benchmark", "data", "body", "profile"})
 """Tables of the other files of users."""
 
 
 class Matrices:
-    """The matrix files in a folder; a file is read again when it has changed.
+    """Matrix files in a folder; each is cached until it changes.
 
     Args:
-        folder: where they are.
+        folder: folder of the matrix files.
 
     Attributes:
-        listing: what `look` found last: name, serial number and remark of each; and what is not listed, in words.
+        listing: last result of `look`: name, serial number and remark of each file, and a note on files that are not
+            listed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -48,7 +49,7 @@ class Matrices:
         self._known: dict[str, tuple[tuple[int, int, int], dict[str, Any] | None]] = {}
 
     def look(self) -> None:
-        """List the files; large ones take up to 0.1 s each, so this is not called in the loop of a server."""
+        """List the files; not called in the server's event loop, because a large file takes up to 0.1 s."""
         self.listing = self._listed()
 
     def _listed(self) -> tuple[list[dict[str, Any]], str]:
@@ -79,7 +80,7 @@ class Matrices:
         return self._known[name][1] if name in self._known else None
 
     def _read(self, names: list[str]) -> None:
-        """Read the files that have changed; where that is much, in a process of low priority."""
+        """Read the files that have changed; if there are many bytes, in a process with low priority."""
         stamps: dict[str, tuple[int, int, int]] = {}
         for name in names:
             with contextlib.suppress(OSError):
@@ -93,12 +94,12 @@ class Matrices:
 
 
 def described(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any] | None]:
-    """Files by name; None for other files of users."""
+    """Descriptions by file name; None for files that are not matrix files."""
     return {name: _described(folder / name) for name in names}
 
 
 def _described_apart(folder: Path, names: list[str]) -> dict[str, dict[str, Any] | None]:
-    """`described` by another process; nothing where that fails: the next look tries again."""
+    """Run `described` in another process; empty if it fails, so the next listing tries again."""
     request, silent = json.dumps([str(folder), names]), subprocess.DEVNULL
     with contextlib.suppress(OSError, ValueError, subprocess.SubprocessError):
         done = subprocess.run(
@@ -110,7 +111,7 @@ def _described_apart(folder: Path, names: list[str]) -> dict[str, dict[str, Any]
 
 
 def main() -> None:
-    """Describe the files that standard input names."""
+    """Describe the files listed on standard input."""
     os.nice(NICENESS)
     folder, names = json.load(sys.stdin)
     sys.stdout.write(json.dumps(described(Path(folder), names)))

@@ -28,7 +28,7 @@ from rig.page.watched_run import WatchedRun
 OTHER_PORTS = 50
 """Tried in turn where a bench has no port yet."""
 SWITCH_S = 0.0005
-"""How long a thread that reads files may keep the interpreter from the loop, again after each message that is sent."""
+"""Time for which a thread that reads files may block the event loop (s)."""
 LAST_WORDS_S = 1.0
 """After its campaign's end: the last state is still shown to viewers."""
 

@@ -72,7 +72,7 @@ NOTHING = Column((), (), ())
 
 
 def columns(records: bytes) -> dict[int, Column]:
-    """The shown channels' records of the ring, as they lie there; of sensors those that carry a value."""
+    """Columns of raw ring records of the displayed channels; for sensors, only records with a value."""
     # Item by item in C (`drivers.ring`: 8-byte words 0 to 2, 2-byte words 14 and 15 of a record): half the time.
     words, numbers = memoryview(records).cast("q"), memoryview(records).cast("H")
     host_ns, device_us = words[0::4].tolist(), words[1::4].tolist()
@@ -288,7 +288,7 @@ class Frames:
         self._loop_clock = LoopClock(device_rate)
 
     def frame(self, records: bytes, now_s: float) -> bytes:
-        """One frame of new records of the ring, as they lie there."""
+        """One frame of new raw ring records."""
         by_channel = columns(records)
         series: dict[int, Series] = {}
         for channel in SHOWN:
@@ -328,7 +328,7 @@ def packed(shown: Mapping[int, Series], now_s: float, kind: int = SAMPLES) -> by
 
 @cache
 def _block(count: int) -> Callable[..., bytes]:
-    """Packs a block of so many samples."""
+    """Structure that packs a block of `count` samples."""
     return struct.Struct(f"<HHI{2 * count}f").pack
 
 

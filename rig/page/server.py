@@ -59,11 +59,11 @@ MOST_UNSENT = 1 << 16
 SENT_AHEAD = 1 << 16
 """Bytes that the kernel may keep for a browser that reads slowly: what waits there grows old."""
 PIECE = 400
-"""Points of a run in one message: what a Stop waits for while it is written takes milliseconds."""
+"""Number of points of a run in one message; a Stop waits only milliseconds while it is written."""
 TOO_MUCH = 1008
 SHORT_HEAD, HEAD, LONG_HEAD = struct.Struct(">BB"), struct.Struct(">BBH"), struct.Struct(">BBQ")
 TEXT, BINARY = 0x81, 0x82
-"""First byte of a message: whole, and of which kind."""
+"""First byte of a WebSocket message: final frame, and type."""
 REPORTS = "/report/"
 _OPEN: dict[ServerConnection, bool] = {}
 """Connections of this process, oldest first, and whether each has shown a valid token."""
@@ -261,7 +261,7 @@ class PageServer:
         return True
 
     def _later(self, work: Coroutine[Any, Any, None]) -> None:
-        """Do something that nothing else waits for; what fails unforeseen ends the page with its traceback."""
+        """Start a background task; an unexpected exception stops the page with a traceback."""
 
         def done(task: asyncio.Task[None]) -> None:
             self._tasks.discard(task)
@@ -296,7 +296,7 @@ class PageServer:
         return [connection for connection, client in self._informed.items() if client.bench]
 
     def _on_run(self) -> list[ServerConnection]:
-        """Connections that show the run of now."""
+        """Connections that show the current run."""
         finished = self._finished
         return [one for one, client in self._informed.items() if not client.bench and one not in finished]
 
@@ -332,9 +332,9 @@ class PageServer:
             return self._recorded[version]
 
     async def _inform(self, connection: ServerConnection, client: Client) -> None:
-        """Send a browser all that there is to know, of the run or of the bench; what changes then follows.
+        """Send a browser the complete state of the run or the bench; changes follow later.
 
-        Files are read in a thread, one run at a time: whatever their size, a stop does not wait for them.
+        Files are read in a thread, one run at a time, so a Stop never waits for them.
         """
         desk = self._desk
         with suppress(ConnectionClosed):
@@ -352,7 +352,7 @@ class PageServer:
                 self._finished.pop(connection, None)
                 return
             self._informed[connection] = client
-            send_framed([connection], sent)  # without waiting: no change may come between
+            send_framed([connection], sent)  # without waiting, so no change can occur in between
         if connection in self._finished:
             broadcast([connection], written(self._standing(connection, client)))
 
@@ -384,9 +384,9 @@ class PageServer:
             broadcast([connection], written(self._standing(connection, client)))
 
     async def send(self) -> None:
-        """Samples, and what has changed of the run, until cancelled; without a client no sample is read.
+        """Send samples and changes of the run until cancelled; without a client, no samples are read.
 
-        One timer for both, which is no task: to wake up costs more than what is done then.
+        One timer serves both and is not a task, because waking up a task costs more than the work itself.
         """
         loop = asyncio.get_running_loop()
         self._failed = failed = loop.create_future()
@@ -399,7 +399,7 @@ class PageServer:
                 if watched:
                     self.send_frame()
                 else:
-                    self._frames = None  # who comes next sees what is new then
+                    self._frames = None  # later clients see the changes
                 if due_s >= news_due_s:
                     self.send_changes()
                     news_due_s = due_s + NEWS_S - 0.5 * FRAME_S
@@ -407,7 +407,7 @@ class PageServer:
                 failed.set_exception(error)
                 return
             due_s += FRAME_S if watched else NEWS_S
-            if (late_s := loop.time() - due_s) > 0.0:  # what was missed is not made up for
+            if (late_s := loop.time() - due_s) > 0.0:  # missed frames are not sent later
                 due_s += late_s + SHORTEST_REST_S
             self._timer = loop.call_at(due_s, turn)
 
@@ -428,10 +428,10 @@ class PageServer:
                 self._frames = ring, Frames(*self._run.frames_of())
             frame = self._frames[1].frame(ring.read_bytes(), self._now_ns() * 1e-9)
         ready = [one for one in self._on_run() if one.transport.get_write_buffer_size() < MOST_UNSENT]
-        send_framed(ready, web_message(frame, BINARY))  # half of what `broadcast` costs for each browser
+        send_framed(ready, web_message(frame, BINARY))  # half the cost of `broadcast` per browser
 
     def send_changes(self) -> None:
-        """State and lease, and what has changed of plan, verdicts and events, once it has been read."""
+        """Send state and lease, and changes of plan, verdicts and events once they have been read."""
         if self._desk is not None:
             self._look_after(self._desk)
         run, reading = self._run, self._reading_run.locked()
@@ -449,13 +449,13 @@ class PageServer:
         broadcast((*self._on_run(), *self._on_bench()), written(state))
 
     async def _send_read(self, run: WatchedRun, parts: frozenset[str], *, anew: bool) -> None:
-        """Read what has changed of the run in a thread, and send it."""
+        """Read the changes of the run in a thread, and send them."""
         async with self._reading_run:
             sent, state = await asyncio.to_thread(self._read, run, parts, anew=anew)
             if run is not self._run:
                 return
             if run.live_folder is not None:
-                self._finished.clear()  # every browser shows a run that moves the rig
+                self._finished.clear()  # every browser shows the run that moves the rig
             send_framed(self._on_run(), sent)
             if state is not None:
                 self._send_state(state)
@@ -463,7 +463,7 @@ class PageServer:
     def _read(
         self, run: WatchedRun, parts: frozenset[str], *, anew: bool
     ) -> tuple[bytes, dict[str, Any] | None]:
-        """Messages on what has changed of a run, and its state where that is sent as well."""
+        """Messages with the changes of a run, and its state if requested."""
         texts: list[str] = []
         if anew or "run" in parts:
             description = _description(run)
@@ -486,7 +486,7 @@ class PageServer:
         return framed(texts), state
 
     def _whole(self, run: WatchedRun) -> list[str]:
-        """Messages with all that there is to know of a run; of the run of now as it was sent to the others."""
+        """Messages with the complete state of a run; for the current run, as sent to the other browsers."""
         if run is self._known:
             described, results = self._sent_run, self._sent_results
         else:
@@ -510,7 +510,7 @@ RESULTS = {"type": "results"}
 
 
 def _description(run: WatchedRun) -> list[str]:
-    """Messages that describe a run."""
+    """Messages with the description of a run."""
     with _no_collection():
         described = run.description()
         points = {str(number): written(one) for number, one in enumerate(described.pop("points"))}
@@ -518,14 +518,14 @@ def _description(run: WatchedRun) -> list[str]:
 
 
 def _results(run: WatchedRun) -> dict[str, str]:
-    """Verdicts by point, as JSON: thousands of objects would be looked through again and again for garbage."""
+    """Verdicts by point as JSON text, because garbage collection of thousands of objects is slow."""
     with _no_collection():
         return {name: written(one) for name, one in run.results()["points"].items()}
 
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """While files of thousands of points are read in a thread; a collection would stop the loop for up to 0.1 s."""
+    """Suspend garbage collection while a thread reads many points; it would stop the loop for up to 0.1 s."""
     gc.disable()
     try:
         yield
@@ -534,12 +534,12 @@ def _no_collection() -> Iterator[None]:
 
 
 def in_pieces(message: dict[str, Any], points: Mapping[str, str], *, listed: bool = False) -> Iterator[str]:
-    """A message as JSON; one with many points follows after messages with a part of its points each.
+    """A message as JSON texts; many points are sent in advance, in messages with a part of the points each.
 
     Args:
         message: without its points.
         points: as JSON, by name.
-        listed: their names do not matter: `points` is a list.
+        listed: whether `points` is a list in the message (names are omitted).
     """
 
     def joined(names: Sequence[str]) -> str:
@@ -561,7 +561,7 @@ def web_message(content: bytes, kind: int) -> bytes:
     """An unmasked WebSocket message of one frame (RFC 6455, section 5.2).
 
     Args:
-        content: what it carries.
+        content: payload of the message.
         kind: `TEXT` or `BINARY`.
     """
     size = len(content)
@@ -571,12 +571,12 @@ def web_message(content: bytes, kind: int) -> bytes:
 
 
 def framed(texts: Iterable[str]) -> bytes:
-    """Messages as the bytes that every browser gets: framed once, in the thread that has made them."""
+    """Frame messages once, in the thread that creates them, for all browsers."""
     return b"".join(web_message(text.encode(), TEXT) for text in texts)
 
 
 def send_framed(connections: Iterable[ServerConnection], sent: bytes) -> None:
-    """Send whole messages to connections that are open; none of them is waited for."""
+    """Send complete messages to open connections, without waiting."""
     for connection in connections:
         if sent and connection.state is State.OPEN:
             connection.transport.write(sent)

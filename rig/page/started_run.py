@@ -57,10 +57,11 @@ class StartedRun:
     ) -> StartedRun:
         """Start `rig run` with these arguments.
 
-        What cannot be kept for a later page is not started: that page would offer another start.
+        If the process cannot be recorded for a later page, it is not started, because that page would offer another
+            start.
 
         Raises:
-            OSError: it cannot be started or kept.
+            OSError: the process cannot be started or recorded.
         """
         run = cls(folder, arguments, by, title, utc, words)
         with contextlib.ExitStack() as files:
@@ -74,7 +75,7 @@ class StartedRun:
         try:
             run._write()
         except OSError:
-            run.interrupt()  # it is still being loaded: nothing is connected
+            run.interrupt()  # it is still loading, so nothing is connected
             raise
         return run
 
@@ -91,15 +92,15 @@ class StartedRun:
             return None
 
     def keep(self) -> None:
-        """Keep what has changed for a later page; a disk that refuses it costs no more than that."""
+        """Save changes for a later page; a write error has no other consequences."""
         with contextlib.suppress(OSError):
             self._write()
 
     def _write(self) -> None:
-        """Write what a later page must know.
+        """Write the state for a later page.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the state cannot be written.
         """
         kept = {
             "arguments": self.arguments, "by": self.by, "title": self.title, "utc": self.utc,

@@ -27,7 +27,7 @@ STOP_PARTS_WITHIN = 20
 """Events between the parts of one stop: the application's note, the station's trip, the campaign's result."""
 LONGEST_READ = 1 << 18
 READ_AT_FIRST = 1 << 22
-"""Bytes of a journal that hold `KEPT_EVENTS` in any case; what is before them is not read."""
+"""Number of bytes at the end of a journal that always contain `KEPT_EVENTS` events; earlier bytes are not read."""
 TEXT_KEYS = ("text", "detail", "reason", "note")
 QUIET = frozenset({"sent", "stop", "setpoints", "late"})
 """Of the station's events: for the journal, not for a log that people read."""
@@ -138,7 +138,7 @@ class WatchedRun:
         return self._ring
 
     def state(self) -> dict[str, Any]:
-        """What changes: phase, point, time left; once the run has ended, how."""
+        """Current state: phase, point, time left, and the outcome of a finished run."""
         live = self.live_folder
         if live is not None:
             return self.running_state(live)
@@ -151,9 +151,9 @@ class WatchedRun:
         return {"type": "state", "phase": "ended", "kind": "ended", "ended": ended, "running": False}
 
     def running_state(self, live: Path) -> dict[str, Any]:
-        """`state` of the campaign that runs, from small files alone."""
+        """`state` of the running campaign, from small files only."""
         state = read_json(live / STATE)
-        state.pop("messages", None)  # the terminal's; what matters of them is among the events
+        state.pop("messages", None)  # for the terminal; the important ones are also events
         run = self.run
         if run is not None and self._differs("operator", stamp := _stamp(CampaignFolder(run).operator)):
             self._entered = "" if stamp is None else str(read_json(CampaignFolder(run).operator).get("specimen", ""))
@@ -176,10 +176,10 @@ class WatchedRun:
         return self.ended.file(point) if isinstance(point, dict) else None
 
     def began_or_ended(self, live: Path | None) -> bool:
-        """Whether the campaign began, ended or was resumed since the last call; then everything is sent again.
+        """Whether the campaign started, ended or was resumed since the last call; if so, everything is sent again.
 
         Args:
-            live: `live_folder` as it is now.
+            live: current value of `live_folder`.
         """
         changed = self._differs("live", live)
         if changed:
@@ -191,7 +191,7 @@ class WatchedRun:
         return self._live is not None and self._differs(STATE, _stamp(self._live / STATE))
 
     def grown(self) -> frozenset[str]:
-        """Which of `run`, `results` and `events` is to be read again since the last call."""
+        """Which of `run`, `results` and `events` have changed since the last call."""
         run, live = self.run, self._live
         if self._files[0] != (run, live):
             self._files = (run, live), _grow(run, live)
@@ -203,9 +203,10 @@ class WatchedRun:
         return stamp != before
 
     def news(self) -> list[dict[str, Any]]:
-        """New events of the journal, for people; kept in `events` as well.
+        """New events of the journal, for display; also stored in `events`.
 
-        Each has a `number`. The parts of one stop are one event; `instead_of` is the number of one that it replaces.
+        Each has a `number`. The parts of one stop form one event; `instead_of` is the number of the event that it
+        replaces.
         """
         run = self.run
         new: list[dict[str, Any]] = []
@@ -218,7 +219,7 @@ class WatchedRun:
         for event in filter(None, map(shown_event, lines)):
             before = self._other_part(event)
             if before is not None and event["part"] == RESULT:
-                continue  # the stop is shown, with the same cause
+                continue  # the stop is already shown with the same cause
             self._numbered += 1
             event["number"] = self._numbered
             if before is not None:
@@ -230,7 +231,7 @@ class WatchedRun:
         return new
 
     def _other_part(self, event: dict[str, Any]) -> dict[str, Any] | None:
-        """The last event that belongs to the same stop as this one, by its code; None: there is none."""
+        """The last event of the same stop (by its code), or None."""
         joins = JOINS.get(event["part"], frozenset())
         recent = list(self.events)[: -STOP_PARTS_WITHIN - 1 : -1]
         return next((one for one in recent if one["part"] in joins and one["stop"] == event["stop"]), None)
@@ -244,7 +245,7 @@ class WatchedRun:
 
 
 CUT_OFF = b"#"
-"""In front of the part of a line with which a long journal is begun: no JSON."""
+"""Prefix of the partial first line read from a long journal, which makes it invalid JSON."""
 
 
 class Journal:
@@ -283,7 +284,7 @@ class Journal:
 NOTE, TRIP, RESULT, STOP = "note", "trip", "result", "stop"
 """Parts of a stop, and what note and trip become together."""
 JOINS = {NOTE: frozenset({TRIP}), TRIP: frozenset({NOTE}), RESULT: frozenset({TRIP, STOP})}
-"""With which earlier parts of the same stop each is one event."""
+"""Earlier parts of the same stop that each part is merged with."""
 
 
 def _joined(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
@@ -294,11 +295,11 @@ def _joined(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
 
 
 PARTS = {PLAN: "run", DEVICES: "run", "station": "run", RESULTS: "results", "journal": "events"}
-"""What is read again when a file has changed."""
+"""Parts that are read again if a file has changed."""
 
 
 def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
-    """The files of a run that are watched, by their key in `PARTS`."""
+    """Watched files of a run, by their key in `PARTS`."""
     files = {} if live is None else {name: str(live / name) for name in (PLAN, DEVICES, RESULTS)}
     if run is None:
         return files
@@ -307,7 +308,7 @@ def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
 
 
 def _stamp(path: Path | str) -> tuple[int, int] | None:
-    """What changes with a file's content; None where there is no file."""
+    """Stamp that changes with a file's content; None if there is no file."""
     try:
         state = os.stat(path)
     except OSError:
@@ -341,7 +342,7 @@ def shown_event(event: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _stop_part(kind: str, what: str, event: dict[str, Any]) -> tuple[str, str]:
-    """Which part of a stop an event is, and the code of the stop; both empty for any other event."""
+    """Part of a stop that an event represents, and the code of the stop; both empty for other events."""
     part, key = (
         (RESULT, "stopped_by") if kind == RESULT else (TRIP, "slug") if what == TRIP
         else (NOTE, "stop") if kind in {"info", "warning", "error"} else ("", "")

@@ -164,7 +164,7 @@ class ReservedFile(io.RawIOBase):
         os.fsync(self._handle)
 
     def close(self) -> None:
-        """Close the file; closing twice is harmless, or one that could not be made."""
+        """Close the file; has no effect if it is already closed or could not be created."""
         if not self.closed and self._handle >= 0:
             os.close(self._handle)
         super().close()
@@ -241,12 +241,12 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def write_unflushed(final: Path, parts: Iterable[bytes | memoryview]) -> None:
-    """Write a file that can be made again: whole for readers, but not flushed, so a power cut may damage it.
+    """Write a reproducible file: complete for readers, but not flushed, so a power cut may damage it.
 
-    The temporary name is unique: processes that write the same file at once do not disturb one another.
+    The temporary name is unique, so several processes can write the same file at the same time.
 
     Raises:
-        OSError: the place cannot be written, or `final` is something else than a file.
+        OSError: the folder is not writable, or `final` is not a file.
     """
     _check_replaceable(final)
     partial = final.with_name(f"{final.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")

@@ -197,7 +197,7 @@ def write_run(tests: Sequence[ImportedTest], out: Path, described: Described) ->
             inner_folder(folder, str(Path(name).parent))
             write_durably(folder / name, content)
         _write_run(folder, tests, described)
-    except BaseException as error:  # also if the memory is used up, or on Ctrl-C
+    except BaseException as error:  # also if memory is exhausted, or on Ctrl-C
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
         if not isinstance(error, OSError):
             raise

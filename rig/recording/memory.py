@@ -1,4 +1,4 @@
-"""Refusal of records that do not fit into the memory of this computer, before they are read."""
+"""Check before reading that recordings fit into the memory of this computer."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from rig.errors import FileProblem
 
 MEMORY_INFO, OWN_SIZE = Path("/proc/meminfo"), Path("/proc/self/statm")
 LIMIT, USED = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.stat")
-"""Of a container (cgroup v2)."""
+"""Files with the limits of a container (cgroup v2)."""
 
 
 def check_memory(file: Path, needed_bytes: int, fix: str) -> None:
-    """Refuse what does not fit.
+    """Check that the available memory is sufficient.
 
     Args:
-        file: what is to be read.
-        needed_bytes: memory that this takes.
-        fix: the way out, for the message.
+        file: file to be read.
+        needed_bytes: required memory.
+        fix: recommended action, for the message.
 
     Raises:
         FileProblem: more memory is needed than is available.
@@ -36,13 +36,13 @@ def check_memory(file: Path, needed_bytes: int, fix: str) -> None:
 
 
 def _available() -> Iterator[int]:
-    """Memory that this process can still take (bytes), by each of the limits that this computer states."""
+    """Memory still available to this process (bytes), for each limit of this computer."""
     with contextlib.suppress(OSError, ValueError, KeyError):
         lines = MEMORY_INFO.read_text(encoding="ascii").splitlines()
         entries = {name: int(rest.split()[0]) * 1024 for name, _, rest in (line.partition(":") for line in lines)}
         yield entries["MemAvailable"] + entries["SwapFree"]
     with contextlib.suppress(OSError, ValueError):
-        limit = int(LIMIT.read_text(encoding="ascii"))  # "max" where there is none
+        limit = int(LIMIT.read_text(encoding="ascii"))  # "max" if there is no limit
         stated = dict(line.split() for line in USED.read_text(encoding="ascii").splitlines())
         yield limit - int(stated.get("anon", 0)) - int(stated.get("unevictable", 0))
     with contextlib.suppress(OSError, ValueError, AttributeError):

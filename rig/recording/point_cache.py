@@ -1,12 +1,12 @@
-"""What was computed once from a recorded point, kept in the run's folder `cache/` for the next command.
+"""Cache of results computed from recorded points, in the run's folder `cache/`.
 
-Only the point's file is authoritative. An entry is used if it was made from the same content of that file, by the same
-code, with the same settings, and is undamaged; otherwise it is made again. A cache that cannot be written, such as that
-of a read-only run, is no error, and the folder may be deleted at any time. Neither the folder nor an entry is used or
-written through a symbolic link. Arrays of a point that were changed in memory count: such a point has no entries.
+Only the point's file is authoritative. An entry is used if it is undamaged and was made from the same file content,
+with the same code and settings; otherwise it is replaced. An unwritable cache, such as that of a read-only run, is not
+an error, and the folder may be deleted at any time. Symbolic links are not followed. A point whose arrays were changed
+in memory is not cached.
 
-An entry: `KIND`, SHA-256 of the rest, length of the header (u64, little-endian), header (JSON), arrays one after the
-other. The header has the key, the values, and name, type and length of each array.
+Format of an entry: `KIND`, SHA-256 of the rest, length of the header (u64, little-endian), header (JSON), consecutive
+arrays. The header contains the key, the values, and the name, type and length of each array.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from rig.recording.recorded_point import RecordedPoint
 
 KIND = b"mr-damper-rig cache 1\n"
 CODE = ("signals", "recording", "dampers", "identification", "characteristics", "test_point.py")
-"""Rooms of the package whose code makes entries."""
+"""Packages whose code determines entries."""
 TYPES = {"float64", "complex128", "bool"}
 ARRAYS = ("time_s", "displacement_m", "velocity_m_s", "force_N", "current_measured_A", "force_samples")
-"""Of a point, read from its file on first access."""
+"""Arrays of a point that are read from its file on first access."""
 AS_READ = "_digests_as_read"
-"""In a point: SHA-256 of its arrays as they were read."""
+"""Attribute of a point: SHA-256 of its arrays as read."""
 NOT_IN_THE_KEY = {"path", "arrays"}
 LARGEST_BYTES = 1 << 30
 READ_BYTES = 1 << 22
@@ -47,7 +47,7 @@ NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
 
 @dataclass(frozen=True)
 class Entry:
-    """Values (JSON) and arrays (n,) by name; `as_read` are SHA-256 of the point's arrays from which it was made."""
+    """Values (JSON) and arrays (n,) by name; `as_read` contains the SHA-256 of the point's original arrays."""
 
     values: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
@@ -55,12 +55,12 @@ class Entry:
 
 
 class PointCache:
-    """The entry of one name for a point.
+    """A named cache entry for a point.
 
     Args:
-        point: as it was opened.
-        name: what is kept.
-        settings: what it depends on besides the point, as text.
+        point: the opened point.
+        name: name of the entry.
+        settings: other settings that it depends on, as text.
     """
 
     def __init__(self, point: RecordedPoint, name: str, settings: str) -> None:
@@ -74,7 +74,7 @@ class PointCache:
         self._unchanged = _digests(point).items() <= self._known.items()
 
     def read(self) -> Entry | None:
-        """The entry; None if there is none that can be used."""
+        """Return the entry, or None if there is no usable one."""
         if self._run is None or not self._content:
             return None
         folder = CampaignFolder(self._run).cache
@@ -87,12 +87,12 @@ class PointCache:
                 return None
             return entry
         except (OSError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
-            return None  # made again
+            return None  # created again
 
     def write(self, entry: Entry) -> None:
-        """Keep an entry that was computed since this object was made; without effect if the point's file has changed.
+        """Store an entry that was computed since this object was created, unless the point's file has changed.
 
-        What cannot be kept is computed again by the next command.
+        If storing fails, the next command computes the entry again.
         """
         if self._run is None or not self._content or not self._unchanged or self._digest() != self._content:
             return
@@ -103,10 +103,9 @@ class PointCache:
             write_unflushed(inner_folder(self._run, CampaignFolder.cache) / self._name, parts)
 
     def _key(self) -> str:
-        """Of everything that an entry depends on.
+        """Key of everything that an entry depends on.
 
-        The description is part of it, although it comes from the file: the file may have been replaced since it was
-        opened.
+        It includes the description, because the file may have been replaced since it was opened.
         """
         described = {one.name: getattr(self._point, one.name) for one in fields(self._point)
                      if one.name not in NOT_IN_THE_KEY}  # fmt: skip
@@ -139,7 +138,7 @@ def _digests(point: RecordedPoint) -> dict[str, str]:
 
 @cache
 def _code() -> str:
-    """SHA-256 of the code that makes entries."""
+    """SHA-256 of the code that determines entries."""
     package, digest = Path(rig.__file__).resolve().parent, hashlib.sha256()
     for name in CODE:
         place = package / name
@@ -149,7 +148,7 @@ def _code() -> str:
 
 
 def _read(file: Path) -> NDArray[np.uint8] | None:
-    """The content of a regular file, which can be written to; None for anything else, links too.
+    """Content of a writable regular file; None for anything else, including links.
 
     Raises:
         OSError: it cannot be read.
@@ -169,9 +168,9 @@ def _packed(entry: Entry, key: str) -> list[bytes | memoryview]:
     """An entry as parts of a file.
 
     Raises:
-        TypeError: a value cannot be JSON, or an array is of another type.
+        TypeError: a value cannot be represented in JSON, or an array has an unsupported type.
     """
-    # In falling order of their items' sizes, so that each array is aligned.
+    # In descending order of item size, so that each array is aligned.
     arrays = sorted(entry.arrays.items(), key=lambda one: -one[1].dtype.itemsize)
     if any(values.dtype.name not in TYPES or values.ndim != 1 for _, values in arrays):
         raise TypeError("an array of another type")
@@ -190,10 +189,10 @@ def _packed(entry: Entry, key: str) -> list[bytes | memoryview]:
 
 
 def _number(value: object) -> Any:  # noqa: ANN401 - JSON
-    """A number of NumPy as one of Python.
+    """Convert a NumPy number to a Python number.
 
     Raises:
-        TypeError: it is something else.
+        TypeError: the value is not a number.
     """
     if isinstance(value, np.generic):
         return value.item()
@@ -204,7 +203,7 @@ def _unpacked(raw: NDArray[np.uint8], key: str) -> Entry | None:
     """The entry in a file's content; None if it is damaged or has another key.
 
     Raises:
-        ValueError: it is no entry.
+        ValueError: the content is not an entry.
         KeyError: as `ValueError`.
         TypeError: as `ValueError`.
     """

@@ -16,7 +16,7 @@ __all__ = ["figures", "write_report"]
 _HOMES = {"figures": "rig.report.figures", "write_report": "rig.report.document"}
 
 
-# What writes a report takes as long to load as a fit, whose tables need one section of it.
+# Loading the report writer takes as long as a fit, whose tables need only one section.
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -24,9 +24,11 @@ OWN_ROUNDS = 3
 KINK, KINK_ERRORS = 0.1, 4.0
 """Relative difference of the slopes on both sides of a crossing, and its standard errors, from which it is a kink."""
 EVEN_SLOPE = 0.7
-"""Least slope over the other, from which a record that begins at a crossing did not rest before it."""
+"""Minimum ratio of the slopes at a crossing for which a record counts as cut there (the motion did not start at
+rest)."""
 CUT_SAMPLES, CUT_SHARE = 1.25, 0.1
-"""A record is cut at a crossing that lies at most so many samples outside, or so much of the way to the hysteresis."""
+"""A record counts as cut at a crossing if the crossing is at most this number of samples, or this fraction of the
+hysteresis, outside."""
 FULL_AMPLITUDE = 0.97  # of the typical greatest amplitude: below it a cycle belongs to a ramp
 HARMONICS = 9
 PEAK_SHARE = 0.04
@@ -145,9 +147,9 @@ def _cycles_about(t: FloatArray, u: FloatArray, level: float) -> Cycles:
 
 
 def _upward_crossings(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Times of upward zero crossings (s) and the index after each; between two, x went well below and well above.
+    """Times of upward zero crossings (s) and the index after each; x exceeds the hysteresis on both sides between.
 
-    A record that was cut at a crossing has one there too: one of exactly three cycles has four crossings.
+    A record that was cut at a crossing has a crossing there, too: a record of exactly three cycles has four crossings.
     """
     band = CROSSING_HYSTERESIS * float(np.max(np.abs(x)))
     side = np.where(x > band, 1, np.where(x < -band, -1, 0))
@@ -175,11 +177,11 @@ def _upward_crossings(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray
 
 
 def _root_at_end(t: FloatArray, x: FloatArray) -> float | None:
-    """Where a record that was cut while it rose through zero began to (s); None where it rested or was cut elsewhere.
+    """Time of the zero crossing (s) at which a record was cut; None if it started at rest or was cut elsewhere.
 
     Args:
-        t: times (s) from the cut to where the motion stands well above zero, shape (n,).
-        x: distance from the level that is crossed (m), shape (n,).
+        t: times (s) from the cut until the motion is well above zero, shape (n,).
+        x: distance from the crossed level (m), shape (n,).
     """
     if t.size < 2:
         return None

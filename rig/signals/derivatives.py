@@ -27,7 +27,7 @@ TAIL_ORDERS = 4  # fewer harmonics in a half octave are single ones, not a serie
 TAIL_SHARE = 0.3  # nor do they make a series when they are fewer than this share of its orders
 ROUNDS = 5  # strong harmonics hide weak ones: each round looks at what the last one left
 CERTAIN_ORDERS = 7  # a motion's own lowest orders are motion also where they are small
-FIRST_GUESS = 16384  # samples that are enough for the first guess of the frequency
+FIRST_GUESS = 16384  # samples sufficient for the first estimate of the frequency
 MOST_STEPS = 4  # of the frequency
 SMALL_STEP = 1e-6  # by which the last one moves the phase (rad) of the highest order over the record
 HALF_WIDTH = 4
@@ -299,7 +299,7 @@ def _waves(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> NDArray[np
 def _fitted(
     t: FloatArray, u: FloatArray, omega: float, orders: NDArray[np.int64]
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Frequency (rad/s), coefficients (m) and residual (m) of the least squares in both, by Gauss and Newton."""
+    """Fit frequency (rad/s) and coefficients (m) by Gauss-Newton least squares; also return the residual (m)."""
     for _ in range(MOST_STEPS):
         coefficients, step, change = _solved(t, u, omega, orders)
         omega += step
@@ -314,10 +314,10 @@ def _fitted(
 def _solved(
     t: FloatArray, u: FloatArray, omega: float, orders: NDArray[np.int64]
 ) -> tuple[FloatArray, float, FloatArray]:
-    """Coefficients (m), the next Gauss-Newton step of omega (rad/s), and what this changes of the coefficients (m).
+    """Coefficients (m), the next Gauss-Newton step of omega (rad/s), and its effect on the coefficients (m).
 
-    The normal equations of the columns 1, cos(k w t), sin(k w t) hold sums over the harmonics only; those of the slope
-    along omega are the same with every sample's phase, and its square, as weights.
+    The normal equations of the columns 1, cos(k w t), sin(k w t) contain only sums over harmonics. Those of the slope
+    along omega are the same sums, weighted with each sample's phase and its square.
     """
     (normal, with_turns, with_squares), (right, right_with_turns) = normal_sums(_turns(t, omega), u, orders)
     coefficients = np.asarray(np.linalg.solve(normal, right), np.float64)
@@ -338,7 +338,7 @@ def _turns(t: FloatArray, omega: float) -> FloatArray:
 
 
 def _series(t: FloatArray, omega: float, orders: NDArray[np.int64], coefficients: FloatArray) -> FloatArray:
-    """The series with coefficients of 1, cos(k w t), sin(k w t) at times since the origin (s), shape (n,)."""
+    """Series with coefficients of 1, cos(k w t), sin(k w t), at times since the origin (s), shape (n,)."""
     spectrum = np.zeros((1, int(orders[-1]) + 1), np.complex128)
     spectrum[0, 0], spectrum[0, orders] = coefficients[0], coefficients[1::2] - 1j * coefficients[2::2]
     (values,) = series_at(_turns(t, omega), spectrum)

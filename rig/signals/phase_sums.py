@@ -1,12 +1,12 @@
-"""Sums of samples over the harmonics of a cycle, and series at any times, in time linear in the samples.
+"""Harmonic sums of samples, and series at arbitrary times, in time proportional to the number of samples.
 
 A sample at phase x (cycles) lies within half a step of the nearest of M equal phases x_g, and with d = x - x_g
 
     exp(2 pi i j x) = exp(2 pi i j x_g) sum over p of (2 pi i j d)^p / p!
 
 so that `sum w exp(2 pi i j x)` for all orders j is a transform of M folded sums `sum w d^p` for each of a few p (a
-non-uniform fast Fourier transform by Taylor's series; Anderson and Dahleh 1996). A series is evaluated by the
-transposed steps. There are as many powers as an error of `ACCURACY` times the sum of |w| needs.
+non-uniform fast Fourier transform by Taylor's series; Anderson and Dahleh 1996). A series is evaluated with the
+transposed steps. The number of powers keeps the error below `ACCURACY` times the sum of |w|.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rig.signals.arrays import ComplexArray, FloatArray
 CHUNK = 1 << 16
 ACCURACY = 1e-14
 FEWEST_PHASES, MOST_PHASES = 4, 64
-"""Equal phases for each order: the more samples there are, the more phases and the fewer powers are the faster way."""
+"""Phases per order; with more samples, more phases and fewer powers are faster."""
 
 
 def phase_sums(
@@ -123,7 +123,7 @@ def _products(sums: ComplexArray, orders: NDArray[np.int64]) -> FloatArray:
 
 
 def _grid(count: int, highest: int) -> tuple[int, int]:
-    """How many equal phases a cycle has for so many samples, and how many powers of the distance from them count."""
+    """Number of equal phases per cycle for a number of samples, and number of powers of the distance from them."""
     order = max(1, highest)
     wanted = min(max(FEWEST_PHASES * order, count // 2), MOST_PHASES * order)
     phases = 1 << math.ceil(math.log2(max(wanted, 8)))
@@ -135,7 +135,7 @@ def _grid(count: int, highest: int) -> tuple[int, int]:
 
 
 def _nearest(turn: FloatArray, phases: int) -> tuple[NDArray[np.int64], FloatArray]:
-    """The nearest of the equal phases of each sample (n,), and how far it is from there (cycles)."""
+    """Nearest of the equal phases for each sample (n,), and the distance from it (cycles)."""
     place = turn * phases
     whole = np.rint(place)
     place -= whole

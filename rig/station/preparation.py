@@ -28,7 +28,7 @@ FIRST_DATA_S = 3.0
 RATE_SAMPLES = 25
 READ_BACK_SHARE = 1e-6
 TEST_TRAVEL_M = 2e-3
-"""So far the trip of a watchdog that is tested under pressure may move the rod: as far as the rod may creep at rest."""
+"""Maximum rod movement in a watchdog test under pressure (m): the permitted creep at rest."""
 PROBE_A = 0.2
 """Four times what counts as no current; a coil may have it at rest."""
 
@@ -252,16 +252,18 @@ class Preparation:
                 f"{requested_A:g} A, expected 0 A")
 
     def starve_watchdog(self, take_pressure_away: Callable[[], object] | None = None) -> float | None:
-        """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
+        """Stop feeding the watchdog, check that the controller trips, and reset it: a failed host stops the rig.
 
         Args:
-            take_pressure_away: does so and proves it, for a watchdog that is tested under pressure: before the reset.
+            take_pressure_away: switches the pressure off and confirms it, before the reset of a watchdog tested under
+                pressure.
 
         Returns:
-            Wall seconds until it tripped; None for an actuator without a watchdog, which was said at connect.
+            Wall time until the trip (s); None for an actuator without a watchdog, which was reported on connection.
 
         Raises:
-            StationRefused: it moves, it did not trip, its trip moved the rod, or the trip does not clear.
+            StationRefused: the rod moves, the watchdog does not trip, the trip moves the rod, or the trip cannot be
+                reset.
         """
         supervisor, actuator = self._supervisor, self._devices.actuator
         if actuator.capabilities.watchdog is WatchdogKind.NONE:
@@ -334,10 +336,10 @@ class Preparation:
 
 
 def _refuse_moved(before: ActuatorStatus | None, tripped: ActuatorStatus) -> None:
-    """A watchdog's trip under pressure ends a motion; it makes none.
+    """Check that the watchdog trip under pressure did not move the rod.
 
     Raises:
-        StationRefused: the rod moved, or that is not known.
+        StationRefused: the rod moved, or its position is unknown.
     """
     moved_m = math.nan if before is None else abs(tripped.position_m - before.position_m)
     if not moved_m <= TEST_TRAVEL_M:

@@ -189,7 +189,7 @@ class Requests:
                 self._hydraulics({"level": pressure})
             after_s = self._preparation.starve_watchdog(lambda: self._hydraulics({"level": "off"}))
         except BaseException:
-            # Nothing else would stop the actuator: its watchdog is not proved. A failure is tried again at disarm.
+            # Nothing else would stop the actuator, because its watchdog is untested. Disarm retries after a failure.
             with suppress(DriverError, StationRefused, TimeoutError):
                 self._hydraulics({"level": "off"})
             raise

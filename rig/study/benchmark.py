@@ -85,18 +85,19 @@ def run_benchmark(
     report: Callable[[StudyProgress], None] | None = None,
     scheduler: str | None = None,
 ) -> BenchmarkOutcome:
-    """Run a benchmark, or what is missing of it, and write its table and page.
+    """Run a benchmark (or its missing entries), and write its table and page.
 
     Args:
         path: benchmark file.
-        folder: where results go; entries that have a result there are not run again.
-        processes: worker processes; None: one for each processor, 1: the entries are fitted in this process.
+        folder: folder of the results; entries with a result are not run again.
+        processes: number of worker processes; None: one per processor; 1: fit the entries in this process.
         report: called at the start and after every entry.
-        scheduler: address of a Dask scheduler whose workers fit instead; they read the recordings under the same path.
+        scheduler: address of a Dask scheduler whose workers fit the entries; they need the recordings under the same
+            path.
 
     Raises:
-        FileProblem: the file is wrong, no recordings are complete (their sources are named), or the folder holds
-            results of another benchmark.
+        FileProblem: the file is wrong, no recordings are complete (the message names their sources), or the folder
+            contains results of another benchmark.
         RigError: the scheduler or its workers cannot be used.
     """
     started_ns = time.monotonic_ns()
@@ -134,7 +135,7 @@ def run_benchmark(
 def _lines(
     benchmark: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], scheduler: str | None, processes: int | None
 ) -> Iterator[dict[str, Any]]:
-    """Results as they come."""
+    """Results in order of completion."""
     if not todo:
         return
     files = {one.folder / name for one, _, _ in todo for name in one.recordings.files}

@@ -59,21 +59,21 @@ def run_study(
     report: Callable[[StudyProgress], None] | None = None,
     scheduler: str | None = None,
 ) -> StudyOutcome:
-    """Run a study, or what is missing of it, and write its outputs.
+    """Run a study (or its missing searches), and write its outputs.
 
     Args:
         path: Study file.
-        folder: Where results and outputs go; results of an earlier session of the same study are kept and completed.
-        processes: Worker processes; None: one for each processor, 1: the searches run in this process.
+        folder: Folder of results and outputs; results of an earlier session of the same study are kept and completed.
+        processes: Number of worker processes; None: one per processor; 1: run the searches in this process.
         report: Called at the start and after every search.
-        scheduler: Address of a Dask scheduler whose workers search instead of processes here.
+        scheduler: Address of a Dask scheduler whose workers run the searches.
 
     Returns:
         The finished study.
 
     Raises:
-        FileProblem: The study file is wrong, the folder holds results of other recordings or settings, or another
-            process works in it.
+        FileProblem: The study file is wrong, the folder holds results of other recordings or settings, or is in use by
+            another process.
         RigError: The scheduler cannot be used.
     """
     started_ns = time.monotonic_ns()

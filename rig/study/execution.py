@@ -1,4 +1,4 @@
-"""Runs what is missing of a study; each worker process receives the recordings once."""
+"""Run the missing searches of a study; each worker process receives the recordings once."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def run_cells(
 
     Args:
         bench: The study with its recordings.
-        cells: All its cells.
-        results: Where results are, and go as they come.
-        workers: Who searches.
+        cells: All cells of the study.
+        results: File of the results, extended with each new result.
+        workers: Workers that run the searches.
         report: Called at the start and after every search.
 
     Raises:
         KeyboardInterrupt: Passed on; finished searches are kept.
-        RigError: The workers cannot be used any more; finished searches are kept.
+        RigError: The workers can no longer be used; finished searches are kept.
     """
     todo = searches(cells, results.lines)
     total = done = len(searches(cells, ()))

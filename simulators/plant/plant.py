@@ -67,7 +67,7 @@ class Plant:
 
     @property
     def step(self) -> int:
-        """How many steps it has run."""
+        """Number of steps run so far."""
         return int(self._fields["step"].item())
 
     def advance(self, steps: int) -> list[tuple[float, int, float]]:

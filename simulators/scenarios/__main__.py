@@ -107,11 +107,11 @@ def _check_trace(path: Path | None, request: ScenarioRequest) -> None:
 def _run(
     seeds: range, request: ScenarioRequest, ways: dict[str, Any], report: JUnitReport, *, as_json: bool
 ) -> int:
-    """Run them all; how far it is on the standard error.
+    """Run all scenarios, with progress on standard error.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C; what was done is told.
-        WorkersFailed: likewise, with the seeds that are left.
+        KeyboardInterrupt: Ctrl-C; finished scenarios are reported.
+        WorkersFailed: likewise, with the seeds of unfinished scenarios.
     """
     # loads numba and numpy: not needed for the help
     from simulators.scenarios.output import ProgressOutput

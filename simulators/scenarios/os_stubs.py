@@ -369,7 +369,7 @@ PLACES = ("rig", "drivers", "protocols", "simulators")
 ALSO = ("can.bus", "can.interfaces.slcan", "pathlib", "pathlib._local")
 """Other people's modules that look at the clock, or at files for us."""
 FOR_US = dict.fromkeys(("pathlib", "pathlib._local"), (real_os, io))
-"""Of these only so much. Python 3.13 has its paths in a module of their own."""
+"""Modules of which only some names are replaced. In Python 3.13, paths are in a separate module."""
 
 
 def _is_for(module: str, value: object) -> bool:
@@ -390,7 +390,7 @@ class Installed:
         setattr(module, name, value)
 
     def stand_in(self, real: object) -> object:
-        """The world's counterpart of a module, class or function, for another one's module that uses it."""
+        """The scenario's counterpart of a module, class or function that a third-party module uses."""
         return self._stubs[id(real)]
 
     def __enter__(self) -> Installed:

@@ -77,7 +77,7 @@ class ProgressOutput:
         return sorted({entry["seed"] for entry in self.failed})
 
     def unfinished(self, seeds: range) -> str:
-        """Seeds without a result, as values of `--seeds`; empty if there are none."""
+        """Seeds without a result, in the notation of `--seeds`; empty if there are none."""
         left = [seed for seed in seeds if seed not in self.digests]
         groups = [
             [seed for _, seed in group] for _, group in groupby(enumerate(left), lambda pair: pair[1] - pair[0])

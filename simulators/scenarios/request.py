@@ -82,7 +82,7 @@ class ScenarioRequest:
 
     @property
     def named_files(self) -> tuple[Path, ...]:
-        """Files that the user's matrix names, which every world reads."""
+        """Files named in the user's matrix, which every scenario reads."""
         names = named(tomllib.loads(self.given.matrix)).values()
         return tuple(Path(name) for several in names for name in several)
 

@@ -91,7 +91,7 @@ def one(seed: int, request: ScenarioRequest) -> Ended:
 
 
 def one_in_worker(seed: int, request: ScenarioRequest) -> Ended:
-    """Run the world of a seed in a process that may be no worker of this program."""
+    """Run the scenario of a seed, possibly in a worker process of another scheduler."""
     load_worker()
     return one(seed, request)
 
@@ -130,7 +130,7 @@ def begin_worker() -> None:
 
 @functools.cache
 def load_worker() -> None:
-    """Load what every world needs, and leave it out of what is looked through for garbage."""
+    """Load the modules that every scenario needs, and exclude them from garbage collection."""
     load_everything()
     gc.collect()
     gc.freeze()
@@ -147,10 +147,10 @@ def _leave(*_: object) -> None:
 
 
 def every(seeds: range, request: ScenarioRequest, jobs: int, scheduler: str | None = None) -> Iterator[Ended]:
-    """The worlds of these seeds as they end, in so many processes, or on the workers of a Dask scheduler.
+    """Results of the scenarios of these seeds in order of completion, from local processes or a Dask scheduler.
 
     Raises:
-        WorkersFailed: processes or workers kept ending, or the scheduler is gone.
+        WorkersFailed: processes or workers failed repeatedly, or the scheduler was lost.
         RigError: the scheduler or its workers cannot be used.
     """
     with cluster(scheduler) if scheduler is not None else _processes(min(jobs, len(seeds))) as workers:
@@ -161,16 +161,16 @@ def every(seeds: range, request: ScenarioRequest, jobs: int, scheduler: str | No
 
 
 def in_a_worker(do: Callable[..., T], *arguments: object) -> T:
-    """Do something with worlds in a process of its own, so that an interrupt ends it and not a part of a world.
+    """Run a function on scenarios in a separate process, so an interrupt stops the process and not part of a scenario.
 
     Raises:
-        WorkersFailed: the process was ended from outside, again and again.
+        WorkersFailed: the process was killed repeatedly.
     """
     with _processes(1) as workers:
         return workers.in_order([Job("scenario", do, arguments)])[0]
 
 
 def _processes(count: int) -> contextlib.AbstractContextManager[LocalWorkers]:
-    """Processes for worlds."""
+    """Processes that run scenarios."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
     return local_workers(count, begin_worker, SCENARIOS_PER_WORKER)

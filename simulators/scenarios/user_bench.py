@@ -94,7 +94,7 @@ class UserBench:
 
     @property
     def supply_line(self) -> str:
-        """The connection of an analogue output, which sensors may share."""
+        """Connection of an analogue output, which sensors may share."""
         return modbus_line(str(self.values["ecu"].get("url", "")))
 
     @property
@@ -151,12 +151,12 @@ class UserBench:
 
 
 def _at(sensor: Mapping[str, Any], url: str) -> dict[str, Any]:
-    """The table of a sensor with the address of a rig."""
+    """Table of a sensor with the address at a rig."""
     return _on_bus(sensor, url) if "interface" in sensor else {**sensor, "url": url}
 
 
 def _on_bus(own: Mapping[str, Any], channel: str) -> dict[str, Any]:
-    """The table of a device on CAN with the bus of a rig."""
+    """Table of a device on CAN with the bus of a rig."""
     kept = {key: value for key, value in own.items() if key != "interface_options"}
     return {**kept, "interface": "slcan", "bitrate": BITRATE, "channel": channel}
 

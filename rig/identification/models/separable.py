@@ -40,7 +40,7 @@ LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its log
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
-HOPELESS = 2.0  # times a rival's root mean square error, after the starts' descents; starts say nothing
+HOPELESS = 2.0  # times a rival's root mean square error, after the descents; start values are not compared
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 

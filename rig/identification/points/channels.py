@@ -19,7 +19,7 @@ from rig.signals.test_set import is_steady, read_current
 
 FEWEST_SAMPLES = 50
 LARGEST_MISSING_SHARE = 0.2
-FEW_LAGS = 16  # of the current's readings, after which most are unrelated and a transform of all is not needed
+FEW_LAGS = 16  # lags after which current samples are mostly uncorrelated, so no transform of all samples is needed
 
 
 def measured(

@@ -7,7 +7,7 @@ let stop_asked = null; // { at, sent, taken, failed }: the last press of Stop
 
 const token = new URLSearchParams(location.search).get("token") || "";
 const with_token = (path, own = token) => `${path}?token=${encodeURIComponent(own)}`;
-let finished_run = new URLSearchParams(location.search).get("run") || ""; // this browser shows it while the rig is not in use
+let finished_run = new URLSearchParams(location.search).get("run") || ""; // shown in this browser while the rig is not in use
 let key = sessionStorage.getItem("rig-page-key");
 if (!key) {
   key = [...crypto.getRandomValues(new Uint8Array(18))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -52,7 +52,7 @@ function silence_s() {
   return Math.max(now - heard_at, asked_at ? now - asked_at : 0) / 1000;
 }
 function connected() { return is_open() && silence_s() < SILENT_S; }
-let informed = false; // the server has sent what there is to know
+let informed = false; // the server has sent the complete state
 function opening() { return !informed && performance.now() < 1000 * GIVEN_UP_S; } // just opened: nothing is known yet
 function look_after() {
   if (socket && socket.readyState === WebSocket.CONNECTING ? performance.now() - opened_at > 1000 * GIVEN_UP_S : is_open() && silence_s() > GIVEN_UP_S) connect();

@@ -57,7 +57,8 @@ QUOTES = "'\u2019"
 """Signs between thousands that are no decimal sign."""
 PARTED = re.compile(rf"[+-]?\d{{1,3}}(?P<sign>[{SPACES}{QUOTES}])\d{{3}}((?P=sign)\d{{3}})*([.,]\d*)?")
 GROUP = re.compile(rf"[{SPACES}{QUOTES}](?<=\d.)\d{{3}}")
-"""Such a sign between digits. The sign comes first: to search for the digits takes ten times as long."""
+"""A thousands separator between digits. The pattern starts with the separator, because a search for digits takes ten
+times as long."""
 MARKS = {
     b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16",
 }  # fmt: skip
@@ -216,7 +217,7 @@ def layout_of(file: Path, text: str, encoding: str, stated: Dialect) -> CsvLayou
 
 
 def _first_lines(text: str) -> list[str]:
-    """The first lines of a text, without splitting all of it."""
+    """First lines of a text, without splitting the whole text."""
     end = -1
     for _ in range(LOOKED_AT):
         end = text.find("\n", end + 1)

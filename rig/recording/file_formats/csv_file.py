@@ -51,9 +51,9 @@ LINES_BEFORE = 50
 
 
 class _Text(io.TextIOBase):
-    """A text from a position on, and a line before it, as a file.
+    """A file object for a first line followed by the rest of a text.
 
-    Read in parts: `io.StringIO` would store four bytes for each character, and a joined text is a second copy.
+    The text is read in parts: `io.StringIO` needs four bytes per character, and joining would copy the text.
     """
 
     def __init__(self, text: str, start: int = 0) -> None:
@@ -61,7 +61,7 @@ class _Text(io.TextIOBase):
         self._text, self._position, self.first = text, start, ""
 
     def readable(self) -> bool:
-        """It is."""
+        """Return True: the file is readable."""
         return True
 
     def read(self, size: int | None = -1, /) -> str:
@@ -174,7 +174,7 @@ class CsvFile:
         layout, beyond = self._layout, len(self._layout.names)
         stamps = [place for place in places if self.is_stamps(place)]
         separator = r"\s+" if layout.separator == " " else layout.separator
-        body.first = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # makes pandas see a column more
+        body.first = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # would add a column in pandas
         thousands = layout.thousands if layout.thousands in {",", "."} else ""
         try:
             table = pd.read_csv(

@@ -22,7 +22,7 @@ LARGEST_BYTES = 512 * 1024 * 1024
 MOST_NUMBERS = 1 << 27
 """A file's numbers together may take so much memory: 1 GiB of float64."""
 MEMORY_OF_A_BYTE, MEMORY_OF_A_NUMBER = 4, 40
-"""Bytes of memory that importing takes: for a byte of text (measured: 4.6 with short numbers), for a number."""
+"""Bytes of memory needed for an import: per byte of text (measured: 4.6 with short numbers), and per number."""
 SPLIT = "split the file into shorter tests"
 FACTOR_NAME = re.compile(
     r"scale|scaling|factor|slope|gain|sensitivity|calibration|multiplier|conversion|(?P<offset>offset|intercept)",

@@ -29,7 +29,7 @@ SENSOR_ATTRIBUTES = (
 )
 VERDICTS = ("valid", "suspect", "invalid")
 MEMORY_OF_A_SAMPLE = 200
-"""Bytes that evaluating a point takes for each sample."""
+"""Bytes of memory needed per sample to evaluate a point."""
 
 
 DESCRIBED = tuple(f"entry/{name}" for name in ("test", "quality", "provenance", "data"))
@@ -126,8 +126,8 @@ def read_channel(path: Path, name: str) -> NDArray[Any] | None:
     """One aligned channel (n,), None when the file does not hold it.
 
     Raises:
-        FileProblem: the file cannot be trusted, the channel is as long as no time, or there is not enough memory to
-            evaluate so many samples.
+        FileProblem: the file fails its checks, the length of the channel differs from that of the time, or there is not
+            enough memory to evaluate the samples.
     """
     with opened(path) as file:
         data = file["entry/data"]

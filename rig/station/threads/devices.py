@@ -154,7 +154,7 @@ class Devices:
             StationRefused: one line for each device that cannot be reached; all ports are closed again.
         """
         problems = list(self.open_each().values())
-        # A connection that several devices share is reported once, by the first of them.
+        # A shared connection is reported once, by the first of its devices.
         problems = [one for one in problems if not isinstance(one, SharedConnectionClosed)] or problems
         if problems:
             self.close()

@@ -130,7 +130,7 @@ class SensorThread(ReadingThread):
     @property
     def refusal(self) -> tuple[str, str]:
         """Code and reason why the received data cannot come from this sensor; two empty strings if it may."""
-        # A driver of a plug-in need not have it.
+        # Optional for plug-in drivers.
         refusal: tuple[str, str] = getattr(self._driver, "refusal", ("", ""))
         return refusal
 
@@ -178,7 +178,7 @@ class SensorThread(ReadingThread):
                 batch = self._driver.read_batch(request_s)
             except DriverError as error:
                 self.port_lost = str(error)
-                # The bus or adapter is gone, not the sensor; a driver of a plug-in need not tell.
+                # The bus or adapter was lost, not the sensor; plug-in drivers need not report this.
                 lost: str = getattr(self._driver, "lost_slug", "") or self.slug
                 slug = "usb-renumber" if self._driver.moved else lost
                 self._supervisor.report([Finding(slug, self.port_lost, monotonic_ns())])

@@ -1,4 +1,4 @@
-"""Connections that several devices of a bench share: CAN buses, Modbus servers and serial lines."""
+"""Connections shared by several devices of a bench: CAN buses, Modbus servers and serial lines."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rig.bench.settings import StationConfig
 
 
 class SharedConnections:
-    """One connection for all devices behind one address, made before the drivers that use it.
+    """One connection for all devices at one address, created before the drivers that use it.
 
     Args:
-        config: of the station.
+        config: configuration of the station.
     """
 
     def __init__(self, config: StationConfig) -> None:
@@ -41,9 +41,9 @@ class SharedConnections:
                     )
 
     def modbus(self, port: str | None) -> ModbusLine | None:
-        """The connection at this address with Modbus sensors; None where there is none."""
+        """The connection of Modbus sensors at this address, or None."""
         return self._lines.get(modbus_line(port or ""))
 
     def bus(self, port: str) -> CanBus | None:
-        """The CAN bus of this name on which there are sensors; None where there is none."""
+        """The CAN bus with this name, if it has sensors, or None."""
         return self._buses.get(port)
