@@ -214,8 +214,7 @@ class RegisterBank:
                 self._follow_position(value_of(quantity, self._raw(quantity)))
 
     def _take_handovers(self, touched: Iterable[Quantity]) -> None:
-        """Accept a set-point with a handshake at its trigger step, and acknowledge it if the machine follows
-        set-points."""
+        """Accept a set-point with a handshake at its trigger step; acknowledge it if the machine follows."""
         for seen in self._handovers.take({one.name: self._raw(one) for one in touched}):
             if self.actuator.state not in FOLLOWING:
                 continue

@@ -187,7 +187,7 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"dbc": NETWORK, "signal": "LoadCell.Fource"}, "nearest: Force"),
     ({"dbc": NETWORK, "signal": "LoadCell.Force", "id": 5}, "the DBC file defines this"),
     ({"id": 0x900, "extended": False, "length": 8, "fields": {}}, "exceeds the 11 bits"),
-    ({"id": 0x100, "length": 9, "fields": {}}, "must be a length"),
+    ({"id": 0x100, "length": 9, "fields": {}}, "must be the length"),
     ({"id": 0x100, "length": 2, "fields": {"value": {"at": 1, "type": "i16"}}}, "extends beyond"),
     ({"id": 0x100, "length": 2, "fields": {"value": {"at": 0, "type": "i16"}}, "source_address": 3}, "29-bit"),
 ]
