@@ -3,10 +3,10 @@
     period of 5 ms:   read registers 0..3 (load cell, LVDT)  |  write 1000 (output)  |  read 4..5 (output)
 
 Sensors with the same period and adjacent registers are read in one request. One request is pending at a time; requests
-to the output have priority. On TCP, the transaction identifier assigns an answer to its request. On a serial line, a
-late answer cannot be distinguished from the next one, so after a time-out the line stays silent for the same time again
-and discards what arrives. If the device has its own clock (a simulated device that runs faster), requests are sent in
-advance on TCP and readings are counted.
+to the output have priority, but only one of them is sent before a reading that is due. On TCP, the transaction
+identifier assigns an answer to its request. On a serial line, a late answer cannot be distinguished from the next one,
+so after a time-out the line stays silent for the same time again and discards what arrives. If the device has its own
+clock (a simulated device that runs faster), requests are sent in advance on TCP and readings are counted.
 """
 
 from __future__ import annotations
@@ -88,10 +88,12 @@ class Call:
     """A request from another driver on the line, and its result.
 
     Attributes:
+        device: name of that driver's device.
         answer: PDU, or None if there is none yet.
         failure: reason why there is no answer.
     """
 
+    device: str
     unit: int
     pdu: bytes
     timeout_ns: int
@@ -129,12 +131,14 @@ class ModbusLine:
 
     Attributes:
         stale: number of answers to abandoned requests.
+        has_output: whether an analogue output, which drives the coil, uses the connection.
     """
 
     def __init__(self, url: str, line: LineSettings, *, rtu: bool, device_rate: float = 1.0) -> None:
         self.url = url
         self.rtu = rtu
         self.stale = 0
+        self.has_output = False
         self.device_rate = device_rate
         self._clocked = device_rate == 1.0
         self.port = SerialPort(
@@ -148,6 +152,8 @@ class ModbusLine:
         self._calls: deque[Call] = deque()
         self._under_way: deque[UnderWay] = deque()
         self._transaction = 0
+        self._sent_call = False
+        """Whether the last request was from another driver."""
         self._quiet_ns = 0
         self._frames = modbus.TcpFrames()
         self._held = b""
@@ -166,7 +172,7 @@ class ModbusLine:
             DamagedAnswer: the answer cannot be decoded.
             DriverError: the connection was lost.
         """
-        call = Call(unit, pdu, int(timeout_s * 1e9))
+        call = Call(device, unit, pdu, int(timeout_s * 1e9))
         with self.connection.state:
             self._calls.append(call)
             try:
@@ -200,6 +206,16 @@ class ModbusLine:
         return min([now_ns + LOOK_NS, *(block.due_ns for block in self._planned if self._is_read(block))])
 
     @property
+    def waits_for(self) -> str:
+        """Text about the pending request of another driver that delays the sensors; empty if there is none."""
+        with self.connection.state:
+            first = self._under_way[0] if self._under_way else None
+        if first is None or not isinstance(first.of, Call):
+            return ""
+        waited_ms = (clock.monotonic_ns() - first.sent_ns) // 1_000_000
+        return f"the device has not answered the request of {first.of.device} for {waited_ms} ms"
+
+    @property
     def _longest_s(self) -> float:
         return max([block.timeout_ns for block in self._planned], default=0) * 1e-9
 
@@ -226,23 +242,43 @@ class ModbusLine:
     def _send(self, now_ns: int) -> None:
         if now_ns < self._quiet_ns:
             return
-        one_at_a_time = self._clocked or self.rtu
-        while self._calls and not (one_at_a_time and self._under_way):
-            call = self._calls.popleft()
-            self._put(call, call.unit, call.pdu, 0, call.timeout_ns, now_ns)
-        for block in sorted(self._planned, key=lambda block: block.due_ns):
-            if not self._is_read(block):
-                continue
-            if one_at_a_time:
-                if self._under_way or block.due_ns > now_ns:
-                    continue
-                late = (now_ns - block.due_ns) // block.period_ns if block.due_ns and self._clocked else 0
-                block.due_ns = (block.due_ns or now_ns) + (late + 1) * block.period_ns if self._clocked else now_ns
-                block.number += late
-            while block.under_way < (1 if one_at_a_time else block.ahead):
-                block.number += 1
-                block.under_way += 1
-                self._put(block, block.unit, block.request, block.number, block.timeout_ns, now_ns)
+        if self._clocked or self.rtu:
+            self._send_one(now_ns)
+            return
+        while self._calls:
+            self._send_call(now_ns)
+        for block in self._planned:
+            while self._is_read(block) and block.under_way < block.ahead:
+                self._send_block(block, now_ns)
+
+    def _send_one(self, now_ns: int) -> None:
+        """Send the next request if only one may be pending.
+
+        Only one request to the output is sent before a block that is due: several in succession take longer than the
+        period of a fast sensor on a slow device, whose samples would be lost.
+        """
+        if self._under_way:
+            return
+        read = [block for block in self._planned if block.due_ns <= now_ns and self._is_read(block)]
+        if self._calls and not (read and self._sent_call):
+            self._send_call(now_ns)
+        elif read:
+            block = min(read, key=lambda block: block.due_ns)
+            late = (now_ns - block.due_ns) // block.period_ns if block.due_ns and self._clocked else 0
+            block.due_ns = (block.due_ns or now_ns) + (late + 1) * block.period_ns if self._clocked else now_ns
+            block.number += late
+            self._send_block(block, now_ns)
+            self._sent_call = False
+
+    def _send_call(self, now_ns: int) -> None:
+        call = self._calls.popleft()
+        self._sent_call = True
+        self._put(call, call.unit, call.pdu, 0, call.timeout_ns, now_ns)
+
+    def _send_block(self, block: Block, now_ns: int) -> None:
+        block.number += 1
+        block.under_way += 1
+        self._put(block, block.unit, block.request, block.number, block.timeout_ns, now_ns)
 
     def _put(self, of: Block | Call, unit: int, pdu: bytes, number: int, timeout_ns: int, now_ns: int) -> None:
         self._transaction = self._transaction % (TRANSACTIONS - 1) + 1
@@ -430,15 +466,20 @@ class ModbusSensor:
         return self._line.connection.is_open_for(self.name)
 
     @property
+    def lost_slug(self) -> str:
+        """Fault code of a lost connection: that of the output if one shares it, independent of the thread."""
+        return "can-lost" if self._line.has_output else ""
+
+    @property
     def counters(self) -> SampleCounters:
         """Totals of samples, losses and faults since construction."""
         return self._stream.counters
 
     @property
     def refusal(self) -> tuple[str, str]:
-        """Code and text of the exception that the device returns; two empty strings if there is none."""
+        """Code and text of the exception that the device returns; without a code, the request that blocks the line."""
         if not self._codes or self._answers:
-            return "", ""
+            return "", self._line.waits_for
         code = next(reversed(self._codes))
         mine = self.registers
         first = mine.address + mine.first_address
@@ -516,6 +557,7 @@ class SharedWire:
 
     def __post_init__(self) -> None:
         self.line.connection.add(self.device)
+        self.line.has_output = True
 
     @property
     def is_open(self) -> bool:

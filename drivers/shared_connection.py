@@ -57,6 +57,10 @@ class SharedConnection(Generic[T]):
         *most, last = self._users
         return f"{', '.join(most)} and {last}" if most else last
 
+    @property
+    def _shared(self) -> str:
+        return f" (shared by {self.users})" * (len(self._users) > 1)
+
     def is_open_for(self, user: str) -> bool:
         """Whether a device has opened the connection and it has not been lost."""
         return self._users[user] and self.lost is None
@@ -75,6 +79,8 @@ class SharedConnection(Generic[T]):
             if not self._is_open:
                 self._open_first(user)
             self._users[user] = True
+            if all(self._users.values()):
+                self._before = None
 
     def close(self, user: str) -> None:
         """Release the connection for a device; the last user closes it. Repeated calls have no effect."""
@@ -156,8 +162,7 @@ class SharedConnection(Generic[T]):
             error = self._before
         if error is None:
             raise PortClosed(user, self.name, "the connection is not open")
-        shared = f" (shared by {self.users})" * (len(self._users) > 1)
-        raise PortClosed(user, self.name, f"{error.message}{shared}", error.fix)
+        raise PortClosed(user, self.name, f"{error.message}{self._shared}", error.fix)
 
     def _open_first(self, user: str) -> None:
         now_ns = clock.monotonic_ns()
@@ -168,11 +173,13 @@ class SharedConnection(Generic[T]):
             self._open_port()
         except DriverError as error:
             self._failed = clock.monotonic_ns(), user
-            raise type(error)(user, self.name, error.message, error.fix) from error
+            # An immediate attempt to open a lost connection again must not hide the cause of the loss.
+            lost = "" if self._before is None else f"{self._before.message}{self._shared}, and "
+            raise type(error)(user, self.name, f"{lost}{error.message}", error.fix) from error
         self._failed, self._is_open = None, True
 
     def _shut(self) -> None:
         """Close the connection; users of a lost connection are notified and must open it again."""
         self._close_port()
         self._users = dict.fromkeys(self._users, False)
-        self._is_open, self.lost, self._before = False, None, self.lost
+        self._is_open, self.lost, self._before = False, None, self.lost or self._before

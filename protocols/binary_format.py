@@ -129,6 +129,7 @@ class Registers:
         rtu: Modbus RTU, else Modbus TCP.
         largest_gap: maximum gap to the registers of another sensor for a combined request.
         first_address: address that the manual uses for register 0.
+        value: address and number of the registers of the reading alone, without its status.
     """
 
     unit: int
@@ -138,6 +139,7 @@ class Registers:
     rtu: bool
     largest_gap: int = 0
     first_address: int = 0
+    value: tuple[int, int] = (0, 0)
 
     @property
     def end(self) -> int:

@@ -73,7 +73,9 @@ def modbus_format(values: Mapping[str, Any], problems: list[Problem]) -> BinaryF
         checksum=_CRC if rtu else "none", checksum_at=length - 2, checksum_over=(0, length - 3),
         checksum_order="little", unit=values.get("unit", "N"), nominal_rate_Hz=values.get("nominal_rate_Hz"),
         exchange=Exchange(request=asked, answer_timeout_s=1e-3 * values.get("answer_timeout_ms", 100.0)),
-        registers=Registers(unit, function, begin, end - begin, rtu, values.get("largest_gap", 0), base),
+        registers=Registers(
+            unit, function, begin, end - begin, rtu, values.get("largest_gap", 0), base, (first, count)
+        ),
     )  # fmt: skip
     for name, field in fields.items():
         problems += (((*((name,) * (name in OTHERS)), *place), text)

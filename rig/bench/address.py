@@ -34,6 +34,9 @@ INTERFACES = (
 )  # fmt: skip
 """python-can's own interfaces; a test compares this list with it, because importing python-can takes long."""
 
+LAST_SERIAL_ID = 247
+"""Of the unit addresses of Modbus RTU, which begin at 1; 0 is a broadcast."""
+
 _PLUGINS = "can.interface"
 _MAKERS = {"peak": "pcan", "pcan_usb": "pcan", "can0": "socketcan", "vcan": "socketcan", "candle": "gs_usb"}
 """What people call an interface, and its name in python-can."""

@@ -11,8 +11,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
-from drivers.connection import modbus_line
+from drivers.connection import ActuatorAddress, LinkKind, modbus_line
+from drivers.sensor_formats import registers_of
 from protocols.descriptions import Problem
+from protocols.sensor_format import modbus_framing
 from rig import units
 from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
@@ -29,6 +31,9 @@ SHARE_OF_TEST = 0.02
 """Of the test's largest force: a zero that is wrong by so much is no longer small beside what is measured."""
 MIN_SHARE_OF_RANGE = 0.001
 """A controller's coarse force input is not better than that."""
+
+
+FRAMING_OF = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
 
 
 class Checks(Section):
@@ -188,10 +193,56 @@ class Bench(Section):
             if reading is not None and owners_settings != settings:
                 what = "bitrate and interface_options" if sensor.bus is not None else "baudrate, parity and stop bits"
                 problems.append(((*place, key), f"is shared with [{owner}], but {what} differ"))
+        problems += self._shared_modbus()
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
             text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
             problems.append((("ecu", "url"), text))
         return problems
+
+    def _shared_modbus(self) -> Iterator[Problem]:
+        """Sensors and an output on one Modbus connection: one framing, one line, no register of two readings."""
+        framings: dict[str, tuple[str, str]] = {}
+        values: dict[tuple[str, int, int], list[tuple[str, int, int]]] = {}
+        url = self.ecu.url or ""
+        if (framing := FRAMING_OF.get(ActuatorAddress.parse(url).kind)) is not None:
+            framings[modbus_line(url)] = "ecu", framing
+        for place, sensor in self._sensors().items():
+            name, framing, same = str(place[0]), modbus_framing(sensor.described), modbus_line(sensor.port)
+            if not framing:
+                continue
+            owner, owners = framings.setdefault(same, (name, framing))
+            if owners != framing:
+                yield (*place, "format"), (
+                    f"has framing {framing}, but [{owner}] uses framing {owners} on the same connection. Fix: specify "
+                    "the framing of the device (tcp or rtu) in both"
+                )
+            elif owner == "ecu" and framing == "rtu" and not sensor.port.startswith("socket://"):
+                yield from self._same_line(place, sensor)
+            registers = registers_of(sensor.described)
+            if registers is None:
+                continue
+            (first, count), base = registers.value, registers.first_address
+            others = values.setdefault((same, registers.unit, registers.function), [])
+            for owner, other, size in others:
+                if size == count and 0 < abs(first - other) < count:
+                    yield (*place, "format"), (
+                        f"reads registers {base + first} to {base + first + count - 1}, but some of them belong to the "
+                        f"reading of [{owner}]. Fix: check address and type"
+                    )
+            others.append((name, first, count))
+
+    def _same_line(self, place: tuple[str | int, ...], sensor: SensorConfig) -> Iterator[Problem]:
+        """A serial line has one baud rate and one parity, for the output on it, too."""
+        described = self.ecu.described_supply
+        if described is None:
+            return
+        baudrate = self.ecu.baudrate or described.link.baudrate
+        if (baudrate, described.link.parity) != (sensor.baudrate, sensor.parity):
+            yield (*place, "url"), (
+                f"is shared with [ecu], but the settings of the line differ: {sensor.baudrate} Bd and parity "
+                f"{sensor.parity} here, {baudrate} Bd and parity {described.link.parity} for [ecu]. Fix: specify the "
+                "same baudrate in both, and the same parity here and in the supply's file"
+            )
 
     def _shared_names(self) -> list[Problem]:
         names = [item.name for item in self.auxiliary]

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import count
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -105,14 +108,112 @@ def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
     """
     for _, path in named(data):
         digest = hashlib.sha256(read_bytes(Path(path), LARGEST_BYTES)).hexdigest()
-        if json.dumps(path) in dumped:
-            dumped = dumped.replace(json.dumps(path), json.dumps(digest))
+        forms = [form for form in (json.dumps(path), json.dumps(path, ensure_ascii=False)) if form in dumped]
+        if forms:
+            dumped = dumped.replace(forms[0], json.dumps(digest))
         else:
             dumped += digest  # a file that another file names
     return dumped
 
 
-def kept_name(written: str) -> str:
-    """Where beside a copy of the bench file a copy of this file lies: the same path where that leads downwards."""
+@dataclass(frozen=True)
+class Kept:
+    """How the files that a bench file names are kept beside a copy of it.
+
+    Attributes:
+        names: for each file's name in the bench file the name in the copy.
+        files: for each file's name from the copy's folder the name from the bench file's folder.
+    """
+
+    names: dict[str, str]
+    files: dict[str, str]
+
+
+def kept(data: Mapping[str, Any], folder: Path, reserved: Container[str] = ()) -> Kept:
+    """Where the files that a bench file names lie beside a copy of it.
+
+    The same path where that leads downwards and no other file has it. A format's network description keeps its place
+    relative to the format's file, which names it and whose content is hashed.
+
+    Args:
+        data: the bench file's.
+        folder: from which the names in it lead.
+        reserved: names in the copy's folder that are no file's of the bench.
+    """
+    names: dict[str, str] = {}
+    files: dict[str, str] = {}
+    for entry, written in _written(data):
+        inner = _inner(written, folder) if entry[1] == FORMAT else ""
+        for number in count():
+            place = _place(written, inner, number)
+            whole = {place: written}
+            if inner:
+                own = PurePath(inner).name if PurePath(inner).is_absolute() else _path(PurePath(place).parent, inner)
+                whole[own] = str(PurePath(written).parent / inner)
+            if all(
+                PurePath(own).parts[0] not in reserved and _same(files.get(own, source), source, folder)
+                for own, source in whole.items()
+            ):
+                break
+        names[written] = place
+        files |= whole
+    return Kept(names, files)
+
+
+def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """The data of a bench file with other names of the files that it names."""
+    result = dict(data)
+    for entry in ENTRIES:
+        table, key = entry
+        tables = [{**one, key: _renamed(entry, one[key], names)} if key in one else one for one in _tables(data, table)]
+        if tables:
+            result[table] = tables[0] if isinstance(data[table], Mapping) else tables
+    return result
+
+
+def _renamed(entry: tuple[str, str], value: Any, names: Mapping[str, str]) -> Any:  # noqa: ANN401 - whatever the file has
+    if isinstance(value, str):
+        return names.get(value, value) if is_file(entry, value) else value
+    if entry[1] == FORMAT and isinstance(value, Mapping) and _network(value, Path()):
+        return {**value, NETWORK: names.get(value[NETWORK], value[NETWORK])}
+    return value
+
+
+def _written(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
+    """Each entry that names a file, and the name; of a format's table that of its network description."""
+    for entry in ENTRIES:
+        table, key = entry
+        for one in _tables(data, table):
+            value = one.get(key)
+            if isinstance(value, str) and is_file(entry, value):
+                yield entry, value
+            elif key == FORMAT and isinstance(value, Mapping) and (network := _network(value, Path())):
+                yield (table, NETWORK), network
+
+
+def _inner(written: str, folder: Path) -> str:
+    """The network description that a format's file names, as it is written there; empty for none."""
+    try:
+        inner = read_toml(folder / written).data.get(NETWORK)
+    except FileProblem:
+        return ""  # reported where the format is read
+    return str(inner) if is_dbc(inner) else ""
+
+
+def _place(written: str, inner: str, number: int) -> str:
+    """Where a file is kept: not above the copy's folder, nor the network description that it names."""
     path = PurePath(written)
-    return path.name if path.is_absolute() or ".." in path.parts else written
+    path = PurePath(path.name) if path.is_absolute() or ".." in path.parts else path
+    if number:
+        path = PurePath(f"files-{number}") / path
+    relative = inner and not PurePath(inner).is_absolute()
+    above = PurePath(_path(path.parent, inner)).parts.count("..") if relative else 0
+    return (path.parent.joinpath(*["format"] * above) / path.name).as_posix()
+
+
+def _path(folder: PurePath, name: str) -> str:
+    return PurePath(os.path.normpath(folder / name)).as_posix()
+
+
+def _same(one: str, other: str, folder: Path) -> bool:
+    return os.path.normpath(folder / one) == os.path.normpath(folder / other)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from drivers.catalogue import check_sensor_format, sensor_format_names
 from drivers.connection import CanAddress, LineSettings
 from drivers.plugins import BrokenPlugIn
-from drivers.sensor_formats import described_format, is_can
+from drivers.sensor_formats import described_format, is_can, registers_of
 from protocols.binary_format import BinaryFormat
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
@@ -310,6 +310,21 @@ class SensorConfig(Settings):
             yield ("url",), (
                 'modbus-tcp:// requires a format of kind "modbus" with framing "tcp". Fix: specify such a format, or '
                 "write socket:// for another protocol"
+            )
+        yield from self._modbus_problems()
+
+    def _modbus_problems(self) -> Iterator[Problem]:
+        """Modbus TCP needs a network; on a serial line a device has one of the addresses of Modbus RTU."""
+        framing, url = modbus_framing(self.described), self.url or ""
+        if framing == "tcp" and url and not url.startswith(("modbus-tcp://", "socket://")):
+            yield ("url",), (
+                "is a serial port, but the format has framing \"tcp\" (the default). Fix: specify framing = \"rtu\" in "
+                "the format"
+            )
+        registers = registers_of(self.described)
+        if registers is not None and registers.rtu and not 1 <= registers.unit <= address.LAST_SERIAL_ID:
+            yield ("format", "device_id"), (
+                f"invalid for Modbus RTU; allowed: 1 to {address.LAST_SERIAL_ID}"
             )
 
     def _link_problems(self) -> Iterator[Problem]:

@@ -50,7 +50,6 @@ from rig.files.quantity import Check, Quantity, Settings, Text, key
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5
 MOST_AUXILIARY = 7
-LAST_SERIAL_ID = 247
 LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
@@ -221,8 +220,8 @@ class ActuatorConfig(Settings):
 
     def problems(self) -> Iterator[Problem]:
         """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
-        if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
-            yield ("device_id",), f"invalid on a serial line; allowed: 1 to {LAST_SERIAL_ID}"
+        if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= address.LAST_SERIAL_ID:
+            yield ("device_id",), f"invalid on a serial line; allowed: 1 to {address.LAST_SERIAL_ID}"
         own_s = watchdog_time_s(self.described)
         if own_s > self.watchdog_s:
             yield ("watchdog",), (
@@ -406,6 +405,8 @@ class EcuConfig(Settings):
             return
         if self.url is not None or self.supply is not None:
             yield from supply_problems_of(self)
+            if (self.url or "").startswith("modbus-rtu") and not 1 <= self.device_id <= address.LAST_SERIAL_ID:
+                yield ("device_id",), f"invalid on a serial line; allowed: 1 to {address.LAST_SERIAL_ID}"
             return
         for name, example in (("interface", "socketcan"), ("channel", "can0")):
             if getattr(self, name) is None:

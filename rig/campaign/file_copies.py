@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 from rig.bench import named_files
@@ -103,19 +104,45 @@ def keep_bench(source: Path, kept: Path) -> None:
         Refused: one cannot be copied.
         FileProblem: one cannot be read.
     """
-    text = read_text(source, LARGEST_BENCH_BYTES)
-    for _, written in named_files.named(tomllib.loads(text), source.parent):
-        name = named_files.kept_name(written)
-        text, copy = text.replace(json.dumps(written), json.dumps(name)), kept.parent / name
+    written = read_text(source, LARGEST_BENCH_BYTES)
+    data = tomllib.loads(written)
+    plan = named_files.kept(data, source.parent, _reserved(kept.name))
+    text = _with_names(written, plan.names)
+    if tomllib.loads(text) != named_files.renamed(data, plan.names):
+        names = ", ".join(repr(name) for name, own in plan.names.items() if name != own)
+        raise FileProblem(str(source), [
+            f"the name of a file cannot be replaced in the copy of this file: {names}. Fix: write each of these names "
+            "in double quotes, as an entry of its own"
+        ])
+    for own, name in plan.files.items():
+        copy = kept.parent / own
         try:
             copy.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise Refused("dir-readonly", f"{copy}: cannot be written: {error}") from error
-        keep_file(source.parent / written, copy)
-    if text == read_text(source, LARGEST_BENCH_BYTES):
+        keep_file(source.parent / name, copy)
+    if text == written:
         keep_file(source, kept)
         return
     try:
         write_durably(kept, text.encode())
     except OSError as error:
         raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error
+
+
+def _reserved(bench: str) -> frozenset[str]:
+    """Names in a campaign's folder that a file of the bench must not have."""
+    of = CampaignFolder
+    return frozenset({bench, of.bench, of.matrix, of.details, of.records, of.points, of.cache, of.reference})
+
+
+def _with_names(text: str, names: Mapping[str, str]) -> str:
+    """A bench file's text with other names of files; everything else stays as it is."""
+    changed = {name: own for name, own in names.items() if name != own}
+    quoted = {
+        form: json.dumps(own, ensure_ascii=False) for name, own in changed.items()
+        for form in (json.dumps(name, ensure_ascii=False), json.dumps(name), f"'{name}'")
+    }
+    if not quoted:
+        return text
+    return re.sub("|".join(map(re.escape, quoted)), lambda match: quoted[match[0]], text)

@@ -41,7 +41,8 @@ ROWS = (
         detector="the ECU reports late or wrong command frames",
     ),
     FaultRow(
-        slug="can-lost", end=StopKind.FADE_OUT, code=27, detector="the CAN port closed or cannot send",
+        slug="can-lost", end=StopKind.FADE_OUT, code=27,
+        detector="the port of the current source closed or cannot send",
     ),
     FaultRow(
         slug="position-disagreement", end=StopKind.HALT, code=35,

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from drivers.connection import modbus_line
 from drivers.roles import Command
 from rig.campaign.results import RigState
 from rig.errors import EXIT_REFUSED
@@ -80,6 +81,7 @@ OTHER_NAMES = {
 }
 """Faults that the station may name otherwise than their row; a gap of 16 ms is silence where a device hands over every
 10 ms besides."""
+PULLED = frozenset({"loadcell-pulled", "lvdt-pulled"})
 OF_ITS_CURRENT = frozenset({"coil-open-short", "current-stuck"})
 """Rows that cannot be noticed while no current is requested and none flows."""
 OF_ANY_FAULT = frozenset({"hybrid-unstable"})
@@ -159,12 +161,37 @@ def stop_stays_stopped(view: View) -> Findings:
         if len(late) and not _cannot_be_stopped(view):
             after_s = 1e-9 * (late[0, 0] - t_ns)
             yield f"the rod is still moving {after_s:.1f} s after the stop for {trip['slug']}", late[0, 0]
-        gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
+        hidden = view.hidden or (bool(view.faults() & PULLED) and _share_a_device(view))
+        gone_s = max(CURRENT_AFTER_S, _left_to_itself_s(view)) if hidden else CURRENT_AT_ONCE_S
         powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
         late = powered[np.abs(powered[:, 2]) > NO_CURRENT_A]
         if len(late) and not view.faults() & (STUCK_CURRENT | {"can-foreign"}) and not view.by_hand:
             after_s = 1e-9 * (late[0, 0] - t_ns)
             yield f"the current is {late[0, 2]:.2f} A {after_s:.1f} s after the stop for {trip['slug']}", late[0, 0]
+
+
+def _left_to_itself_s(view: View) -> float:
+    """From a stop to 0 A (s) where an analogue output cannot be told to: its own watchdog takes the current away."""
+    bench = bench_of(view)
+    described = None if bench is None or bench.ecu.by_hand else bench.ecu.described_supply
+    output = None if described is None else described.output
+    return 0.0 if output is None or output.watchdog is None else output.watchdog.time_s + CURRENT_AT_ONCE_S
+
+
+def _share_a_device(view: View) -> bool:
+    """The output and a sensor of the motion are behind one Modbus address, where one request is under way at a time."""
+    bench = bench_of(view)
+    if bench is None or bench.ecu.url is None:
+        return False
+    return modbus_line(bench.ecu.url) in {modbus_line(sensor.port) for sensor in (bench.load_cell, bench.lvdt)}
+
+
+def _of_a_shared_device(view: View, begun: set[str]) -> set[str]:
+    """Fault codes that faults may have because sensors and output use the same connection."""
+    if not _share_a_device(view):
+        return set()
+    waiting = PULLED if "ecu-silent" in begun else frozenset()  # their requests wait for the answer to the output's
+    return {*waiting, *({"can-lost"} if begun & PULLED else ())}
 
 
 def first_cause_is_named(view: View) -> Findings:
@@ -306,6 +333,7 @@ def stops_have_a_cause(view: View) -> Findings:
             causes |= GAPS_IN_SETPOINTS
         if any(_shows_nothing(view, fault) for fault in begun):
             causes.add("hydraulics")  # a controller that obeys another client takes no pressure command
+        causes |= _of_a_shared_device(view, begun)
         if "modbus-write-lost" in begun and not _repeats_the_counter(view):
             causes.add("host-silent")  # the watchdog, which is no longer fed, is the first to show it
         if "actuator-reboot" in begun and not _shows_a_reboot(view):

@@ -20,11 +20,12 @@ from drivers.connection import LineSettings
 from drivers.devices.supply import SupplyConnection
 from drivers.devices.supply_file import supply
 from drivers.errors import PortClosed, SharedConnectionClosed
-from drivers.modbus_line import ModbusLine, ModbusSensor, blocks_of
+from drivers.modbus_line import ModbusLine, ModbusSensor, SharedWire, blocks_of
 from drivers.modbus_output import ModbusOutput
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale
 from drivers.sensor_formats import described_format
+from protocols import modbus
 from protocols.binary_format import BinaryFormat
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -40,6 +41,7 @@ class Device:
         self.reads: list[tuple[int, int]] = []
         self.connections = 0
         self.missing = False
+        self.takes_s = 0.0
         self._loop = asyncio.new_event_loop()
         self._server: Any = None
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -74,6 +76,7 @@ class Device:
         self, function: int, start: int, address: int, count: int, registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
+        await asyncio.sleep(self.takes_s)
         if values is not None:
             if address == 1000:
                 self.volts[1000] = struct.unpack(">f", struct.pack(">2H", *values))[0]
@@ -161,8 +164,10 @@ def test_a_lost_connection_is_lost_for_all_and_names_all_of_them(device: Device)
     for driver in (force, travel):
         with pytest.raises(PortClosed, match="shared by load_cell and lvdt"):
             until(lambda one=driver: one.read_batch(0.05) is None)  # type: ignore[misc]  # never None: it raises
-    with pytest.raises(PortClosed, match="refused"):
+    with pytest.raises(PortClosed, match=r"shared by load_cell and lvdt.*refused"):
         force.open()
+    with pytest.raises(PortClosed, match="shared by load_cell and lvdt"):
+        travel.read_batch(0.0)  # the attempt to open it again does not hide the cause
     with pytest.raises(SharedConnectionClosed, match="uses the same connection as load_cell"):
         travel.open()
 
@@ -181,6 +186,60 @@ def test_an_exception_is_named_with_code_register_and_way_out(device: Device) ->
     until(lambda: bool(force.read_batch(0.05).records))
     assert force.refusal == ("", "")
     force.close()
+
+
+def test_an_output_that_asks_without_a_pause_leaves_room_for_the_sensors(device: Device) -> None:
+    device.takes_s = 0.004
+    line = line_at(device.url)
+    force = sensor(line, "load_cell", Channel.FORCE, rate_Hz=100.0)
+    wires = [SharedWire(line, 1, f"output{number}") for number in range(3)]
+    ended = threading.Event()
+
+    def ask(wire: SharedWire) -> None:
+        while not ended.is_set():
+            wire.ask(modbus.read_request(2000, 1), 0.5)
+
+    force.open()
+    for wire in wires:
+        wire.open(0.1)
+    askers = [threading.Thread(target=ask, args=(wire,), daemon=True) for wire in wires]
+    for asker in askers:
+        asker.start()
+    found = 0
+
+    def read() -> bool:
+        nonlocal found
+        found += len(force.read_batch(0.05).records)
+        return found >= 20
+
+    try:
+        until(read)
+    finally:
+        ended.set()
+        for asker in askers:
+            asker.join(2.0)
+        for one in (force, *wires):
+            one.close()
+    reads = [address for address, _ in device.reads]
+    assert reads.count(0) > 0.2 * len(reads)  # one read in 10 ms, the others fill the rest
+
+
+def test_a_sensor_that_waits_for_the_output_s_answer_says_so(device: Device) -> None:
+    line = line_at(device.url)
+    force, wire = sensor(line, "load_cell", Channel.FORCE), SharedWire(line, 1, "ecu")
+    force.open()
+    wire.open(0.1)
+    until(lambda: bool(force.read_batch(0.05).records))
+    device.takes_s = 0.5
+    asker = threading.Thread(target=lambda: wire.ask(modbus.read_request(2000, 1), 1.0), daemon=True)
+    asker.start()
+    until(lambda: "the request of ecu" in force.refusal[1])
+    assert not force.refusal[0]
+    asker.join(3.0)
+    device.takes_s = 0.0
+    until(lambda: bool(force.read_batch(0.05).records) and force.refusal == ("", ""))
+    for one in (force, wire):
+        one.close()
 
 
 def test_registers_that_do_not_lie_together_are_separate_requests() -> None:

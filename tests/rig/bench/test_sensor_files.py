@@ -81,6 +81,66 @@ def test_a_kept_bench_file_finds_its_format_again(tmp_path: Path) -> None:
     assert Bench.load(kept / "bench.toml").load_cell.format == str(kept / "cell.toml")
 
 
+NETWORK = (EXAMPLES / "can-sensors.dbc").read_text(encoding="utf-8")
+CAN_BENCH = (EXAMPLES / "can-sensors-bench.toml").read_text(encoding="utf-8")
+CAN_FORMAT = 'dbc = "{}"\nsignal = "LoadCell.Force"\n'
+BY_TABLE = CAN_BENCH[CAN_BENCH.index("[load_cell.format]") : CAN_BENCH.index("[lvdt]")]
+
+
+@pytest.mark.parametrize(("force", "network", "travel"), [
+    ("force.toml", "../n.dbc", "can-sensors.dbc"),
+    ("../formats/force.toml", "net/n.dbc", "can-sensors.dbc"),
+    ("formats/force.toml", "../../n.dbc", "can-sensors.dbc"),
+    ("../a/force.toml", "can-sensors.dbc", "can-sensors.dbc"),  # two files of one name
+    ("../bench.toml", "n.dbc", "../t.dbc"),
+    ("../kräfte/force.toml", "n.dbc", "../t.dbc"),
+])  # fmt: skip
+@pytest.mark.parametrize("quote", ['"', "'"])
+def test_a_kept_bench_file_finds_every_file_wherever_it_was(
+    tmp_path: Path, force: str, network: str, travel: str, quote: str
+) -> None:
+    lab, kept = tmp_path / "lab" / "benches", tmp_path / "out" / "campaign"
+    for name, text in ((force, CAN_FORMAT.format(network)), (str(Path(force).parent / network), NETWORK + "\n"),
+                       (travel, NETWORK)):  # fmt: skip
+        (lab / name).parent.mkdir(parents=True, exist_ok=True)
+        (lab / name).write_text(text, encoding="utf-8")
+    text = CAN_BENCH.replace(BY_TABLE, "").replace("[load_cell]", f"[load_cell]\nformat = {quote}{force}{quote}", 1)
+    text = text.replace('dbc = "can-sensors.dbc"', f"dbc = {quote}{travel}{quote}")
+    (lab / "bench.toml").write_text(text, encoding="utf-8")
+    kept.mkdir(parents=True)
+    before = Bench.load(lab / "bench.toml").digest
+    keep_bench(lab / "bench.toml", kept / "bench.toml")
+    (tmp_path / "lab").rename(tmp_path / "elsewhere")
+    assert Bench.load(kept / "bench.toml").digest == before
+    assert list((tmp_path / "out").iterdir()) == [kept]
+
+
+@pytest.mark.parametrize(("edits", "place", "text"), [
+    ({"lvdt": ("/dev/ttyUSB7", 'address = 2')}, "lvdt.url", 'framing = "rtu"'),
+    ({"lvdt": ("modbus-tcp://192.168.0.40:502", "address = 1")}, "lvdt.format", "belong to the reading of [load_cell]"),
+    ({"lvdt": ("/dev/ttyUSB7", 'address = 2, framing = "rtu", device_id = 255')}, "device_id", "1 to 247"),
+    ({"lvdt": ("socket://192.168.0.40:502", 'address = 2, framing = "rtu"')}, "lvdt.format",
+     "[ecu] uses framing tcp on the same connection"),
+    ({"ecu": ("modbus-rtu:/dev/ttyUSB0", ""), "lvdt": ("/dev/ttyUSB0", 'address = 2, framing = "rtu"')}, "lvdt.url",
+     "921600 Bd and parity N here, 9600 Bd and parity N for [ecu]"),
+])  # fmt: skip
+def test_what_cannot_be_on_one_modbus_connection_is_refused(
+    tmp_path: Path, edits: dict[str, tuple[str, str]], place: str, text: str
+) -> None:
+    written = (EXAMPLES / "labjack-bench.toml").read_text(encoding="utf-8")
+    for table, (url, entries) in edits.items():
+        head = f'[{table}]\nurl = "modbus-tcp://192.168.0.40:502"'
+        assert head in written
+        written = written.replace(head, f'[{table}]\nurl = "{url}"')
+        written = written.replace("address = 2", entries) if entries else written
+    (tmp_path / "labjack-output.toml").write_bytes((EXAMPLES / "labjack-output.toml").read_bytes())
+    (tmp_path / "bench.toml").write_text(written, encoding="utf-8")
+    with pytest.raises(FileProblem) as error:
+        Bench.load(tmp_path / "bench.toml")
+    assert place in str(error.value)
+    assert text in str(error.value)
+
+
 def test_every_problem_of_a_format_s_file_is_reported_with_its_line(tmp_path: Path) -> None:
     wrong = FORMAT.replace("crc16-modbus", "crc16-modbis").replace('"i32"', '"i33"').replace("length", "length_")
     problems = refused(bench(tmp_path, BY_FILE, described=wrong))
