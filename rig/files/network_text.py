@@ -1,4 +1,4 @@
-"""Network descriptions of CAN (DBC, KCD, SYM, ARXML) that a device's description names; drivers get the text."""
+"""CAN network descriptions (DBC, KCD, SYM, ARXML) named in a device description; drivers receive the text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rig.errors import FileProblem
 from rig.text_file import read_bytes
 
 NETWORK = "dbc"
-"""Key of a sensor's format that names the network description of its message."""
+"""Key in a sensor format for the network description of its message."""
 LARGEST_DBC_BYTES = 262_144
 LARGEST_XML_BYTES = 4 << 20
 """Of a KCD, SYM or ARXML file, which needs more text for the same messages."""
@@ -21,7 +21,7 @@ LARGEST_NETWORK_BYTES = 32 << 20
 
 
 def with_network_path(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """A description with the network description that it names as a whole path.
+    """Replace the name of a network description by its full path.
 
     Args:
         table: of any description.
@@ -32,7 +32,7 @@ def with_network_path(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def with_network_text(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A description with the name and text of the network description that it names: drivers read no file.
+    """Replace the name of a network description by its name and text, because drivers read no files.
 
     Raises:
         FileProblem: the file cannot be read.

@@ -246,5 +246,5 @@ def test_a_scale_in_a_role_replaces_what_the_dbc_does_not_say() -> None:
     assert read is not None
     assert read["measured_current"] == pytest.approx(0.05), "2148 counts: 100 counts of 0.5 mA"
     unit = refused(roles.replace('scale = -0.25, unit = "mA"', "scale = -0.25"), raw)
-    assert "its unit after scaling must be stated too" in unit
+    assert "the unit after scaling must be specified" in unit
     assert "scale: must not be 0" in refused(roles.replace("scale = 0.5", "scale = 0.0"), raw)
