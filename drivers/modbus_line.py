@@ -39,7 +39,7 @@ READINGS_KEPT = 1 << 16
 LOOK_NS = 5_000_000
 """Interval at which an idle line checks for requests to the output."""
 SPACES = {number: name for name, number in FUNCTIONS.items()}
-MEANT = {
+EXCEPTION_HINTS = {
     1: "the device does not support this function. Fix: check function (holding or input)",
     2: "the device has no such register. Fix: check address, first_address and type in the sensor's format",
     3: "the device rejects the number of registers. Fix: check type in the sensor's format",
@@ -485,7 +485,7 @@ class ModbusSensor:
         first = mine.address + mine.first_address
         shown = f"register {first}" if mine.count == 1 else f"registers {first} to {first + mine.count - 1}"
         name = modbus.EXCEPTION_NAMES.get(code, "unknown")
-        meant = MEANT.get(code, "Fix: see the manual of the device")
+        meant = EXCEPTION_HINTS.get(code, "Fix: see the manual of the device")
         return "modbus-reject", (
             f"unit {mine.unit} answered the request to read {SPACES[mine.function]} {shown} with exception {code} "
             f"({name}): {meant}"

@@ -16,7 +16,7 @@ from drivers.errors import DriverError, PortClosed, SharedConnectionClosed
 
 T = TypeVar("T")
 
-KNOWN_NS = 1_000_000_000
+SHARED_FAILURE_NS = 1_000_000_000
 """Time for which a failed attempt to open the connection also counts for the other devices."""
 
 
@@ -166,7 +166,7 @@ class SharedConnection(Generic[T]):
 
     def _open_first(self, user: str) -> None:
         now_ns = clock.monotonic_ns()
-        if self._failed is not None and self._failed[1] != user and now_ns - self._failed[0] < KNOWN_NS:
+        if self._failed is not None and self._failed[1] != user and now_ns - self._failed[0] < SHARED_FAILURE_NS:
             text = f"uses the same connection as {self._failed[1]}, which cannot be opened"
             raise SharedConnectionClosed(user, self.name, text)
         try:

@@ -34,7 +34,7 @@ WATCHDOG_MS = 500
 """Of a device whose map does not say after how long it trips."""
 SHOWN_S = 0.15
 """So long (simulated s) an answer to a command stays before the device looks as if nothing was requested."""
-LED_S = 1.0
+INTERMEDIATE_S = 1.0
 """Time (simulated s) for which the device shows intermediate states that a host waits for."""
 SHORTEST_S = 1e-3
 """Two set-points that come closer together are taken as if they did not."""
@@ -90,7 +90,7 @@ class RegisterBank:
             scripts_of(emulated.recipes.commands), lambda one, value: raw_of(one, float(value)), self._raw
         )
         self._before = preconditions({**emulated.recipes.commands, Command.NONE: emulated.recipes.setpoint})
-        self._handovers = Scripts(
+        self._handshakes = Scripts(
             scripts_of({Command.NONE: emulated.recipes.setpoint} if emulated.setpoint_waits else {}),
             lambda one, value: raw_of(one, float(value)), self._raw,
         )
@@ -176,7 +176,7 @@ class RegisterBank:
             self._cells = before
             return False
         self._take_counters(touched)
-        self._take_handovers(touched)
+        self._accept_handshakes(touched)
         return self._take_table(touched) and self._take_commands(touched)
 
     # What a write means
@@ -213,9 +213,9 @@ class RegisterBank:
                     self._feed(0, constant=True)
                 self._follow_position(value_of(quantity, self._raw(quantity)))
 
-    def _take_handovers(self, touched: Iterable[Quantity]) -> None:
+    def _accept_handshakes(self, touched: Iterable[Quantity]) -> None:
         """Accept a set-point with a handshake at its trigger step; acknowledge it if the machine follows."""
-        for seen in self._handovers.take({one.name: self._raw(one) for one in touched}):
+        for seen in self._handshakes.take({one.name: self._raw(one) for one in touched}):
             if self.actuator.state not in FOLLOWING:
                 continue
             if seen.decides:
@@ -273,7 +273,7 @@ class RegisterBank:
         if seen:
             # When powered up, a drive passes through states that the machine does not have.
             self._led = next((one.waits for one in seen if one.leads), ())
-            self._led_s = self.actuator.plant.time_s + LED_S
+            self._led_s = self.actuator.plant.time_s + INTERMEDIATE_S
         for one in seen:
             if one.decides:
                 given = self._execute(one)

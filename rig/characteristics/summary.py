@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from rig.characteristics.cached_loop import cached_loop
 from rig.characteristics.force_table import ForceTable, force_tables
-from rig.characteristics.kept_loop import kept_loop
 from rig.characteristics.loop import (
     MIDDLE,
     LoopCharacteristics,
@@ -141,7 +141,7 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
                 if point.kind == LOOP:
                     measured = known.get(point.id) or prepare(point, skews.get(point.id))
                     whole, ends_cut = without_cut_ends(measured)
-                    loops.append(kept_loop(point, whole))
+                    loops.append(cached_loop(point, whole))
                     remarks += [f"{point.id}: {warning}" for warning in measured.warnings if warning.slug in DOUBTS]
                     left_out += [*_unknown(loops[-1]), *(f"{point.id}: {end}" for end in ends_cut)]
                 elif point.kind == "friction":

@@ -58,7 +58,7 @@ def command(
 
     several = len(runs) > MOST_RUNS
     if several:
-        _refuse_page(len(runs), MOST_RUNS, requested=on_paper or out is not None)
+        _check_page_size(len(runs), MOST_RUNS, requested=on_paper or out is not None)
     if on_paper:
         out = _page_of(out, runs[0])
     with workers_for(scheduler, None if several else 1) as workers:
@@ -75,7 +75,7 @@ def command(
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
 
 
-def _refuse_page(count: int, most: int, *, requested: bool) -> None:
+def _check_page_size(count: int, most: int, *, requested: bool) -> None:
     """Reject a page with too many runs.
 
     Raises:

@@ -199,14 +199,14 @@ def main(arguments: Sequence[str]) -> int:
 def answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
     """Run a command under a name as `main` does; return its exit code."""
     take_every_character()
-    NOTICE.report = _say_on_the_side
+    NOTICE.report = _write_to_stderr
     with warnings.catch_warnings():
         warnings.simplefilter("always", DataWarning)
         warnings.showwarning = _show_warning
         return _answered(command, arguments, name)
 
 
-def _say_on_the_side(text: str) -> None:
+def _write_to_stderr(text: str) -> None:
     """Write a line to standard error; a closed terminal does not stop the command."""
     with contextlib.suppress(OSError):
         say(text, err=True)
@@ -220,7 +220,7 @@ def _show_warning(
     own = issubclass(category, DataWarning)
     text = f"warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno, line).rstrip()
     del file
-    _say_on_the_side(text)
+    _write_to_stderr(text)
 
 
 def _answered(command: click.Command, arguments: Sequence[str], name: str) -> int:

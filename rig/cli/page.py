@@ -253,8 +253,8 @@ def _serve_bench(
     from rig.bench.model import Bench
     from rig.campaign.machine_resources import devices_of
     from rig.campaign.simulated_rig import wearing
-    from rig.page import desk
-    from rig.page.lasting import LastingAddress
+    from rig.page import bench_control
+    from rig.page.permanent_address import PermanentAddress
     from rig.page.process import serve_bench
 
     known, (matrices, out) = Bench.load(bench_path), folders
@@ -262,11 +262,11 @@ def _serve_bench(
         wearing(bench_path)  # a bench whose devices no simulated rig can have is refused now
     if not matrices.is_dir():
         raise FileProblem(str(matrices), ["no such folder. Fix: specify the folder of the matrix files (--matrices)"])
-    address = LastingAddress.opened(bench_path, renewed=new_tokens)
+    address = PermanentAddress.opened(bench_path, renewed=new_tokens)
     try:
         if address.warning:
             say(f"warning: {address.warning}", err=True)
-        bench = desk.Bench(
+        bench = bench_control.Bench(
             path=bench_path.resolve(), name=known.name, devices=frozenset(devices_of(known)),
             matrices=matrices.resolve(), out=out.resolve(), state=address.folder, simulate=simulate, speed=speed,
         )

@@ -346,12 +346,12 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
     campaign = result.campaign
     if result.report is not None:
         from rig.cli.force_tables import force_blocks
-        from rig.files.kept_display import kept_display
+        from rig.files.run_display import run_display
 
         tables = result.force_tables
         if tables:
             shown.print()
-            show(force_blocks(tables, kept_display(campaign.campaign)), shown)
+            show(force_blocks(tables, run_display(campaign.campaign)), shown)
             shown.print()
     if not campaign.refused:
         colour = "green" if campaign.valid == campaign.total else "yellow"

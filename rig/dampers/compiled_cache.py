@@ -132,7 +132,7 @@ def saves_alone(save: Callable[..., None]) -> Callable[..., None]:
     return locked
 
 
-def loads_what_is_whole(load: Callable[..., Any]) -> Callable[..., Any]:
+def load_intact(load: Callable[..., Any]) -> Callable[..., Any]:
     """`IndexDataCacheFile.load`; an unreadable entry counts as missing, so it is compiled and written again."""
 
     @wraps(load)
@@ -156,7 +156,7 @@ def with_checksum(dump: Callable[..., bytes]) -> Callable[..., bytes]:
     return checked
 
 
-def by_checksum(load_data: Callable[..., Any]) -> Callable[..., Any]:
+def load_checked(load_data: Callable[..., Any]) -> Callable[..., Any]:
     """`IndexDataCacheFile._load_data` of a file with a correct checksum.
 
     Raises:
@@ -208,7 +208,7 @@ class CompileNotice(Listener):
 
 
 IndexDataCacheFile.save = saves_alone(IndexDataCacheFile.save)  # type: ignore[method-assign]  # there is no other way in
-IndexDataCacheFile.load = loads_what_is_whole(IndexDataCacheFile.load)  # type: ignore[method-assign]  # the same
+IndexDataCacheFile.load = load_intact(IndexDataCacheFile.load)  # type: ignore[method-assign]  # the same
 IndexDataCacheFile._dump = with_checksum(IndexDataCacheFile._dump)  # type: ignore[method-assign]  # noqa: SLF001 - the same
-IndexDataCacheFile._load_data = by_checksum(IndexDataCacheFile._load_data)  # type: ignore[method-assign]  # noqa: SLF001 - the same
+IndexDataCacheFile._load_data = load_checked(IndexDataCacheFile._load_data)  # type: ignore[method-assign]  # noqa: SLF001 - the same
 register("numba:compile", CompileNotice())  # type: ignore[no-untyped-call]  # numba has few annotations

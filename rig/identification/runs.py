@@ -212,7 +212,7 @@ def identify_each(
     options = FitOptions.of(options, changes)
     workers = options.workers
     runs = [_run_of(path) for path in paths]
-    _refuse_one_target(runs)
+    _check_separate_targets(runs)
     files = [file for run in runs for file in _files_of(run)]
     held_out = options.holdout
     if isinstance(held_out, (str, Path)) and Path(held_out).exists():
@@ -234,7 +234,7 @@ def _run_of(path: Path | str) -> Path:
     return place.absolute() if place.is_file() else CampaignFolder.found(place).path.absolute()
 
 
-def _refuse_one_target(runs: Sequence[Path]) -> None:
+def _check_separate_targets(runs: Sequence[Path]) -> None:
     """Reject runs whose fits would be written to the same file.
 
     Raises:

@@ -20,7 +20,7 @@ from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import ModelScore, TestError, mean_within
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
-from rig.identification.models.separable import Reached, SearchAbandoned, motion_scale
+from rig.identification.models.separable import SearchAbandoned, SearchState, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.remarks import Remark, say, some
@@ -49,7 +49,7 @@ class _Attempt:
 
     candidate: Candidate | None
     rmse_N: float
-    reached: Reached | None
+    reached: SearchState | None
     free: int
     refused: str = ""
 
@@ -89,7 +89,7 @@ def candidates_of(
     candidates, refused, given_up = [], [], []
     rival_N = math.inf
     for model, attempt in zip(order, _attempts(order, fitted, method, on_progress, workers), strict=True):
-        reason = attempt.reached.hopeless(model.name, rival_N) if attempt.reached is not None else None
+        reason = attempt.reached.abandon_reason(model.name, rival_N) if attempt.reached is not None else None
         if reason is not None:
             given_up.append(ModelScore(model.name, None, math.nan, math.nan, attempt.free, method.name, str(reason)))
         elif attempt.candidate is None:
@@ -138,7 +138,7 @@ def _rival_N(order: Sequence[DamperModel], known: Mapping[int, _Attempt]) -> flo
         if number not in known:
             break
         attempt = known[number]
-        if attempt.reached is None or attempt.reached.hopeless(model.name, rival_N) is None:
+        if attempt.reached is None or attempt.reached.abandon_reason(model.name, rival_N) is None:
             rival_N = min(rival_N, attempt.rmse_N)
     return rival_N
 

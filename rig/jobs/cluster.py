@@ -223,12 +223,12 @@ class Cluster(RemoteWorkers):
             )
         answers: dict[str, Any] = self._client.run(_software, on_error="return")
         for worker, answer in sorted(answers.items()):
-            _refuse_other(f"worker {worker}", answer, expected)
+            _check_versions(f"worker {worker}", answer, expected)
         try:
             of_scheduler = self._client.run_on_scheduler(_software)
         except Exception as error:  # noqa: BLE001 - whatever an environment without this software raises
             of_scheduler = error
-        _refuse_other(f"scheduler {self.address}", of_scheduler, expected)
+        _check_versions(f"scheduler {self.address}", of_scheduler, expected)
 
     def check_files(self, files: Sequence[Path]) -> None:
         """See `Workers.check_files`; compares the size, beginning and end of each file.
@@ -339,7 +339,7 @@ def _call(software: Mapping[str, str], function: Callable[..., T], arguments: tu
     from distributed import get_worker  # here runs a worker of Dask
 
     worker = get_worker()
-    _refuse_other(f"worker {worker.address}", _software(), software)
+    _check_versions(f"worker {worker.address}", _software(), software)
     with _turn:
         _current.key = worker.get_current_task()
         try:
@@ -358,7 +358,7 @@ def _software() -> Mapping[str, str]:
     return {"mr-damper-rig": described(), "Python": python, **libraries, "plug-ins": ", ".join(plug_ins) or "none"}
 
 
-def _refuse_other(who: str, answer: object, expected: Mapping[str, str]) -> None:
+def _check_versions(who: str, answer: object, expected: Mapping[str, str]) -> None:
     """Reject a worker or scheduler with different software versions.
 
     Raises:

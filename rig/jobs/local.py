@@ -19,7 +19,7 @@ from typing import TypeVar, cast
 from rig.jobs.workers import Answer, ExecutorWorkers, Job, Missing, Shared, answered
 
 T = TypeVar("T")
-LEAVES_S = 3.0
+TERMINATION_S = 3.0
 """Maximum time that a process takes to terminate (s)."""
 
 def follow_parent(leave: Callable[[], object] | None = None) -> None:
@@ -64,7 +64,7 @@ class LocalWorkers(ExecutorWorkers):
         self._pool.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
             worker.terminate()
-        until_s = time.monotonic() + LEAVES_S
+        until_s = time.monotonic() + TERMINATION_S
         for worker in workers:
             worker.join(max(0.0, until_s - time.monotonic()))
             worker.kill()

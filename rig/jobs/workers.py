@@ -1,6 +1,6 @@
 """Jobs as values, and the interface of workers, implemented here for this process and for executors.
 
-If a worker process fails, only its jobs are lost and run again. A job during which `MOST_DEATHS` worker processes
+If a worker process fails, only its jobs are lost and run again. A job during which `MOST_FAILURES` worker processes
 failed is reported.
 """
 
@@ -22,7 +22,7 @@ from rig.errors import DataWarning, RigError
 T = TypeVar("T")
 AHEAD = 2
 """Jobs submitted per worker: one runs, one is queued."""
-MOST_DEATHS = 3
+MOST_FAILURES = 3
 """Number of worker processes that may fail during one job before the job is abandoned."""
 LOOK_S = 1.0
 """Interval between checks of the workers while no result arrives (s)."""
@@ -213,7 +213,7 @@ class RemoteWorkers(Workers):
         """See `Workers.results`. After a worker process fails, each job that it may have run is run alone."""
         waiting, done = iter(jobs), SimpleQueue[Any]()
         running: dict[Any, Job[T]] = {}
-        deaths: Counter[int] = Counter()
+        failures: Counter[int] = Counter()
         suspects: deque[Job[T]] = deque()
         retried: list[Job[T]] = []
         try:
@@ -236,7 +236,7 @@ class RemoteWorkers(Workers):
                     ended += [one for one in running.values() if one is not job]
                     running.clear()
                     suspects.extend(one for one in ended if all(one is not other for other in suspects))
-                    _count_deaths(ended, deaths, error)
+                    _count_failures(ended, failures, error)
                     self._restart()
                     continue
                 if isinstance(answer, Missing):
@@ -266,22 +266,22 @@ def _next_of(suspects: Sequence[Job[T]], retried: list[Job[T]], waiting: Iterato
     return retried.pop() if retried else next(waiting, None)
 
 
-def _count_deaths(jobs: Sequence[Job[Any]], deaths: Counter[int], error: BaseException) -> None:
+def _count_failures(jobs: Sequence[Job[Any]], failures: Counter[int], error: BaseException) -> None:
     """Count the failure of a worker process for the jobs that it may have run.
 
     Raises:
         WorkersFailed: too many for one of them.
     """
     for job in jobs:
-        deaths[id(job)] += 1
-        if deaths[id(job)] >= MOST_DEATHS:
-            raise WorkersFailed(given_up(job.name, MOST_DEATHS)) from error
+        failures[id(job)] += 1
+        if failures[id(job)] >= MOST_FAILURES:
+            raise WorkersFailed(given_up(job.name, MOST_FAILURES)) from error
 
 
-def given_up(name: str, deaths: int) -> str:
+def given_up(name: str, failures: int) -> str:
     """Message about a job during which several worker processes failed."""
     return (
-        f"{name}: {deaths} worker processes ended while running this job (out of memory?). "
+        f"{name}: {failures} worker processes ended while running this job (out of memory?). "
         "Fix: check the memory of the worker, or use fewer worker processes"
     )
 

@@ -2,8 +2,8 @@
 
 A request must name this server (`Host`), come from its own pages where a browser says from where (`Origin`), and carry
 one of two tokens: the operator's, or one to hand to viewers. Those of a run's page are drawn anew by every server, so
-that of a run that has ended opens nothing; those of a bench's page last (`rig.page.lasting`). Pure: headers in, a
-verdict out.
+that of a finished run opens nothing; those of a bench's page are permanent (`rig.page.permanent_address`). Pure:
+headers in, a verdict out.
 """
 
 from __future__ import annotations

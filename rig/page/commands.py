@@ -10,7 +10,7 @@
     {"do": "clock"}                                       every client: the host's time, for latencies
     {"do": "close"}                                       an operator's client: end the page, once the run has ended
 
-On the page of a bench, answered by `rig.page.desk`:
+On the page of a bench, answered by `rig.page.bench_control`:
 
     {"do": "plan", "matrix": NAME}                        an operator's client; so is "questions" with "run": NAME
     {"do": "begin", "matrix", "planned", "serial_number"} the holder of the lease; so are "resume" with "run",
@@ -38,9 +38,9 @@ LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 LONGEST_KEY = 64
 MOST_CONFIRMED = 100
-DESK_READS = frozenset({"plan", "questions"})
-DESK = DESK_READS | {"begin", "resume", "make-report"}
-"""What `rig.page.desk` answers; the first of it starts and changes nothing."""
+CONTROL_READS = frozenset({"plan", "questions"})
+CONTROL_REQUESTS = CONTROL_READS | {"begin", "resume", "make-report"}
+"""What `rig.page.bench_control` answers; the first of it starts and changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ class Commands:
         return _refused("unknown-command")
 
     def refused_at_desk(self, do: str, client: Client) -> dict[str, Any] | None:
-        """Why this client may not ask this of the desk of a bench; None: it may."""
+        """Why this client may not send this request to a bench; None if it may."""
         if client.role is not Role.OPERATOR:
             return _refused("viewer", do)
-        if do in DESK_READS or self._lease.held_by(client.key):
+        if do in CONTROL_READS or self._lease.held_by(client.key):
             return None
         return _refused("no-lease", do)
 

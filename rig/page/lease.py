@@ -31,13 +31,15 @@ class Lease:
     Args:
         folder: the live folder, asked for anew each time; None: there is no campaign to command.
         now_ns: monotonic time.
-        lasting: of a bench: it can be had without a campaign, and does not end with one.
+        permanent: lease of a bench, which does not depend on a campaign.
     """
 
-    def __init__(self, folder: Callable[[], Path | None], now_ns: Callable[[], int], *, lasting: bool = False) -> None:
+    def __init__(
+        self, folder: Callable[[], Path | None], now_ns: Callable[[], int], *, permanent: bool = False
+    ) -> None:
         self._folder = folder
         self._now_ns = now_ns
-        self._lasting = lasting
+        self._permanent = permanent
         self._holder: Holder | None = None
         self._left_ns: int | None = None
         self._lock: int | None = None
@@ -47,7 +49,7 @@ class Lease:
     def holder(self) -> Holder | None:
         """Who has it now; a lease ends with its campaign, that of a bench with its holder's absence."""
         left = self._left_ns is not None and self._now_ns() - self._left_ns > GRACE_NS
-        if self._holder is not None and (left or (not self._lasting and self._folder() != self._of)):
+        if self._holder is not None and (left or (not self._permanent and self._folder() != self._of)):
             self._end()
         return self._holder
 
@@ -62,7 +64,7 @@ class Lease:
             return "lease-taken"
         if not self._locked():
             return "lease-taken"
-        if self._of is None and not self._lasting:
+        if self._of is None and not self._permanent:
             return "not-running"
         self._holder, self._left_ns = Holder(key, name), None
         return ""
@@ -86,7 +88,7 @@ class Lease:
     def held_by(self, key: str) -> bool:
         """Whether this browser has it, and may command the campaign that runs."""
         holder = self.holder
-        return holder is not None and holder.key == key and (not self._lasting or self._locked())
+        return holder is not None and holder.key == key and (not self._permanent or self._locked())
 
     def left(self, key: str) -> None:
         """The last connection of this browser is gone: wait for it a while."""

@@ -89,7 +89,7 @@ class Matrices:
         self._known = {name: known for name, known in self._known.items() if name in stamps}
         changed = [name for name, stamp in stamps.items() if name not in self._known or self._known[name][0] != stamp]
         small = sum(stamps[name][1] for name in changed) <= READ_HERE_BYTES
-        read = described(self.folder, changed) if small else _described_apart(self.folder, changed)
+        read = described(self.folder, changed) if small else _described_elsewhere(self.folder, changed)
         self._known |= {name: (stamps[name], entry) for name, entry in read.items()}
 
 
@@ -98,7 +98,7 @@ def described(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any] | 
     return {name: _described(folder / name) for name in names}
 
 
-def _described_apart(folder: Path, names: list[str]) -> dict[str, dict[str, Any] | None]:
+def _described_elsewhere(folder: Path, names: list[str]) -> dict[str, dict[str, Any] | None]:
     """Run `described` in another process; empty if it fails, so the next listing tries again."""
     request, silent = json.dumps([str(folder), names]), subprocess.DEVNULL
     with contextlib.suppress(OSError, ValueError, subprocess.SubprocessError):

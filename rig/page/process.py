@@ -19,8 +19,8 @@ from pathlib import Path
 
 from rig.errors import EXIT_DONE, EXIT_USAGE
 from rig.page.access import Access, Role
-from rig.page.desk import Bench, Desk
-from rig.page.lasting import LastingAddress
+from rig.page.bench_control import Bench, BenchControl
+from rig.page.permanent_address import PermanentAddress
 from rig.page.server import PageServer
 from rig.page.settings import PageProblem, PageSettings
 from rig.page.watched_run import WatchedRun
@@ -55,9 +55,9 @@ def listening(settings: PageSettings, port: int | None = None) -> socket.socket:
 
 
 async def serve_bench(
-    settings: PageSettings, bench: Bench, address: LastingAddress, announce: Callable[[str], object]
+    settings: PageSettings, bench: Bench, address: PermanentAddress, announce: Callable[[str], object]
 ) -> None:
-    """Serve the page of a bench under its lasting address until SIGINT or SIGTERM; runs on the bench go on.
+    """Serve the page of a bench at its permanent address until SIGINT or SIGTERM; runs on the bench go on.
 
     Args:
         settings: where; without a port at the one that it had before.
@@ -76,10 +76,10 @@ async def serve_bench(
     except PageProblem:
         sock.close()
         raise
-    await _serve(Desk(bench), access, sock, tls, announce)
+    await _serve(BenchControl(bench), access, sock, tls, announce)
 
 
-def lasting_socket(settings: PageSettings, address: LastingAddress) -> socket.socket:
+def lasting_socket(settings: PageSettings, address: PermanentAddress) -> socket.socket:
     """A socket at the port that was asked for, else at the one that browsers know, else at the first free one.
 
     Raises:
@@ -115,7 +115,7 @@ async def serve_page(settings: PageSettings, announce: Callable[[str], object]) 
 
 
 async def _serve(
-    shown: WatchedRun | Desk, access: Access, sock: socket.socket, tls: ssl.SSLContext | None,
+    shown: WatchedRun | BenchControl, access: Access, sock: socket.socket, tls: ssl.SSLContext | None,
     announce: Callable[[str], object], *, tied: bool = False,
 ) -> None:
     sys.setswitchinterval(SWITCH_S)
@@ -142,7 +142,7 @@ async def _serve(
             task.cancel()
         server.close()
         await server.wait_closed()
-        (shown.watched if isinstance(shown, Desk) else shown).close()
+        (shown.watched if isinstance(shown, BenchControl) else shown).close()
 
 
 def _watch_input(ending: asyncio.Event) -> None:

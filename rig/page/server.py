@@ -29,8 +29,8 @@ from websockets.protocol import State
 
 from rig.clock import monotonic_ns
 from rig.page.access import Access, Denied, Role
-from rig.page.commands import DESK, LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line, understood
-from rig.page.desk import Asker, Desk
+from rig.page.bench_control import BenchControl, Requester
+from rig.page.commands import CONTROL_REQUESTS, LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line, understood
 from rig.page.document import BENCH, RUN, document, headers, report_headers
 from rig.page.ended_run import recorded_frame
 from rig.page.lease import Lease
@@ -93,24 +93,25 @@ class PageServer:
     """The page of one run, or of a bench and whatever runs on it.
 
     Args:
-        run: the run that is shown; a desk shows its own.
+        run: the run that is shown; a control shows its own.
         access: who may open it.
         end: ends the page of a run.
         now_ns: monotonic time.
-        desk: of a bench.
+        control: of a bench.
     """
 
     def __init__(
-        self, run: WatchedRun | Desk, access: Access, end: Callable[[], None], now_ns: Callable[[], int] = monotonic_ns
+        self, run: WatchedRun | BenchControl, access: Access, end: Callable[[], None],
+        now_ns: Callable[[], int] = monotonic_ns
     ) -> None:
-        self._desk = run if isinstance(run, Desk) else None
+        self._control = run if isinstance(run, BenchControl) else None
         self._shown = run
         self._access = access
         self._now_ns = now_ns
-        self._lease = Lease(lambda: self._run.live_folder, now_ns, lasting=self._desk is not None)
+        self._lease = Lease(lambda: self._run.live_folder, now_ns, permanent=self._control is not None)
         self._commands = Commands(
-            self._lease, lambda: self._run.live_folder, None if self._desk is not None else end,
-            cancel=None if self._desk is None else self._desk.cancel,
+            self._lease, lambda: self._run.live_folder, None if self._control is not None else end,
+            cancel=None if self._control is None else self._control.cancel,
         )  # fmt: skip
         self._tasks: set[asyncio.Task[None]] = set()
         self._failed: asyncio.Future[None] | None = None
@@ -133,7 +134,7 @@ class PageServer:
     @property
     def _run(self) -> WatchedRun:
         """The run that is shown now."""
-        return self._shown.watched if isinstance(self._shown, Desk) else self._shown
+        return self._shown.watched if isinstance(self._shown, BenchControl) else self._shown
 
     async def serve(self, sock: Any, tls: ssl.SSLContext | None) -> Server:  # noqa: ANN401 - a bound socket
         """Begin to answer on a bound socket."""
@@ -153,22 +154,22 @@ class PageServer:
         if connection in _OPEN:
             _OPEN[connection] = True
         place = urlsplit(request.path).path
-        views = {"/": RUN} if self._desk is None else {"/": BENCH, "/run": RUN}
+        views = {"/": RUN} if self._control is None else {"/": BENCH, "/run": RUN}
         if place in views:
             view = views[place]
             return Response(200, "OK", _headers(headers(view), document(view)), document(view))
-        if self._desk is not None and place.startswith(REPORTS):
-            return await self._report(self._desk, unquote(place.removeprefix(REPORTS)))
+        if self._control is not None and place.startswith(REPORTS):
+            return await self._report(self._control, unquote(place.removeprefix(REPORTS)))
         if place != "/ws":
             return _response(404, "not found\n")
         most = MOST_CLIENTS if access is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
         return _response(503, "refused: too-many-clients\n") if len(self._clients) >= most else None
 
     @staticmethod
-    async def _report(desk: Desk, name: str) -> Response:
+    async def _report(control: BenchControl, name: str) -> Response:
         """The report of a run."""
         try:
-            report = await asyncio.to_thread(desk.history.report, name)
+            report = await asyncio.to_thread(control.history.report, name)
         except OSError:
             report = None
         if report is None:
@@ -206,7 +207,7 @@ class PageServer:
             return None
         query = parse_qs(urlsplit(request.path).query)
         key = one_line(query.get("client", [""])[0], LONGEST_KEY) or str(connection.id)
-        bench = self._desk is not None and query.get("view") == [BENCH]
+        bench = self._control is not None and query.get("view") == [BENCH]
         return Client(access, key, bench, "" if bench else query.get("run", [""])[0])
 
     async def _listen(self, connection: ServerConnection) -> None:
@@ -218,7 +219,7 @@ class PageServer:
                 await connection.close(TOO_MUCH, "too many messages")
                 return
             client = self._clients[connection]
-            if self._desk is not None and self._asks_desk(self._desk, text, connection, client):
+            if self._control is not None and self._asks_control(self._control, text, connection, client):
                 continue
             answer = self._commands.take(text, client)
             if answer.get("do") == "recorded" and "refused" not in answer:
@@ -240,18 +241,20 @@ class PageServer:
         task.add_done_callback(tasks.discard)
         return {}
 
-    def _asks_desk(self, desk: Desk, text: str | bytes, connection: ServerConnection, client: Client) -> bool:
-        """Whether a message is for the desk of the bench; it answers later, and a stop does not wait for that."""
+    def _asks_control(
+        self, control: BenchControl, text: str | bytes, connection: ServerConnection, client: Client
+    ) -> bool:
+        """Whether a message is a request to the bench, which is answered later; a stop does not wait for this."""
         message = understood(text)
-        if message is None or message["do"] not in DESK:
+        if message is None or message["do"] not in CONTROL_REQUESTS:
             return False
 
         async def answer() -> None:
             do = message["do"]
             refused = self._commands.refused_at_desk(do, client)
-            asker = Asker(self._commands.called(client), lambda: self._lease.held_by(client.key))
-            reply = refused or await desk.answer(message, asker)
-            self._send_status(desk)  # before the answer: what follows a start is seen by the browser in order
+            requester = Requester(self._commands.called(client), lambda: self._lease.held_by(client.key))
+            reply = refused or await control.answer(message, requester)
+            self._send_status(control)  # before the answer: what follows a start is seen by the browser in order
             with suppress(ConnectionClosed):
                 await connection.send(written({"type": "answer", **reply}))
             if do == "make-report" and "ok" in reply:
@@ -275,21 +278,21 @@ class PageServer:
 
     async def refresh(self) -> None:
         """Read the history of the bench again, and show it."""
-        if self._desk is None:
+        if self._control is None:
             return
         async with self._looking:
-            over = self._desk.idle
-            await asyncio.to_thread(self._desk.history.look)
-        self._desk.show_newest()
-        broadcast(self._on_bench(), written(self._history(self._desk)))
-        if over and self._desk.idle:
-            self._desk.settle()
-            self._send_status(self._desk)
+            over = self._control.idle
+            await asyncio.to_thread(self._control.history.look)
+        self._control.show_newest()
+        broadcast(self._on_bench(), written(self._history(self._control)))
+        if over and self._control.idle:
+            self._control.settle()
+            self._send_status(self._control)
         self._send_lease()
 
     @staticmethod
-    def _history(desk: Desk) -> dict[str, Any]:
-        return {"type": "history", "runs": desk.history.runs}
+    def _history(control: BenchControl) -> dict[str, Any]:
+        return {"type": "history", "runs": control.history.runs}
 
     def _on_bench(self) -> list[ServerConnection]:
         """Connections that show the bench."""
@@ -300,9 +303,9 @@ class PageServer:
         finished = self._finished
         return [one for one, client in self._informed.items() if not client.bench and one not in finished]
 
-    def _send_status(self, desk: Desk) -> None:
+    def _send_status(self, control: BenchControl) -> None:
         """What the bench's page shows, where it has changed."""
-        status = desk.status()
+        status = control.status()
         if status != self._sent_status:
             self._sent_status = status
             broadcast(self._on_bench(), written(status))
@@ -336,15 +339,15 @@ class PageServer:
 
         Files are read in a thread, one run at a time, so a Stop never waits for them.
         """
-        desk = self._desk
+        control = self._control
         with suppress(ConnectionClosed):
             await connection.send(written(self._standing(connection, client)))
         async with self._reading_run:
-            if desk is not None and client.run and (finished := desk.finished(client.run)) is not None:
+            if control is not None and client.run and (finished := control.finished(client.run)) is not None:
                 self._finished[connection] = finished
             run = self._finished.get(connection, self._run)
-            if client.bench and desk is not None:
-                shown = desk.status(), self._history(desk)
+            if client.bench and control is not None:
+                shown = control.status(), self._history(control)
                 sent = await asyncio.to_thread(lambda: framed(map(written, (run.state(), *shown))))
             else:
                 sent = await asyncio.to_thread(lambda: framed(self._whole(run)))
@@ -363,19 +366,19 @@ class PageServer:
         return {
             "type": "standing", "role": str(client.role), "mine": mine, "holder": "" if holder is None else holder.name,
             "viewer_url": self._access.url(Role.VIEWER) if client.role is Role.OPERATOR else "",
-            **({} if self._desk is None else self._links(self._desk, self._finished.get(connection, self._run))),
+            **({} if self._control is None else self._links(self._control, self._finished.get(connection, self._run))),
         }  # fmt: skip
 
-    def _links(self, desk: Desk, shown: WatchedRun) -> dict[str, Any]:
+    def _links(self, control: BenchControl, shown: WatchedRun) -> dict[str, Any]:
         """Of the page of a bench: that it is one, the run's report, and the token for addresses of reports.
 
         Such an address is copied and sent around: it carries no more than a viewer's right.
         """
         run = shown.run
-        entry = None if run is None else desk.history.entry(run.name)
+        entry = None if run is None else control.history.entry(run.name)
         report = run.name if run is not None and entry is not None and entry["report"] else ""
         token = self._access.tokens[Role.VIEWER]
-        bench = desk.bench
+        bench = control.bench
         return {"bench": bench.name, "simulate": bench.simulate, "report": report, "report_token": token}
 
     def _send_lease(self) -> None:
@@ -432,8 +435,8 @@ class PageServer:
 
     def send_changes(self) -> None:
         """Send state and lease, and changes of plan, verdicts and events once they have been read."""
-        if self._desk is not None:
-            self._look_after(self._desk)
+        if self._control is not None:
+            self._look_after(self._control)
         run, reading = self._run, self._reading_run.locked()
         live = run.live_folder
         anew = not reading and run.began_or_ended(live)
@@ -496,14 +499,14 @@ class PageServer:
         events = {"type": "events", "events": list(run.events), "all": True}
         return [*described, *in_pieces(RESULTS, results), written(run.state()), written(events)]
 
-    def _look_after(self, desk: Desk) -> None:
+    def _look_after(self, control: BenchControl) -> None:
         """What runs on the bench now; what has ended goes into its history."""
-        if desk.look():
+        if control.look():
             self._later(self.refresh())
         if self._on_bench():
-            if desk.matrices_due:
-                self._later(desk.list_matrices())
-            self._send_status(desk)
+            if control.matrices_due:
+                self._later(control.list_matrices())
+            self._send_status(control)
 
 
 RESULTS = {"type": "results"}

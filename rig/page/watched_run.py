@@ -16,7 +16,7 @@ from drivers import clock
 from rig.campaign_folder import CampaignFolder
 from rig.display import Display
 from rig.errors import FileProblem
-from rig.files.kept_display import kept_display
+from rig.files.run_display import run_display
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import DEVICES, LOCK, PLAN, RESULTS, STATE, held, read_json
@@ -102,7 +102,7 @@ class WatchedRun:
     def _display(self) -> dict[str, dict[str, Any]]:
         """Units and signs of `[display]`, by quantity."""
         try:
-            display = Display() if self.run is None else kept_display(self.run)
+            display = Display() if self.run is None else run_display(self.run)
         except FileProblem:
             display = Display()
         signed = {"force": display.force, "displacement": display.displacement, "speed": display.speed}

@@ -21,7 +21,7 @@ from rig.campaign_folder import CampaignFolder, run_path
 from rig.display import Display
 from rig.document.axes import draw_on
 from rig.errors import DataWarning, FileProblem, NoSuchEntry
-from rig.files.kept_display import kept_display
+from rig.files.run_display import run_display
 from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.views import Over, loops_figure, run_dataset
@@ -261,7 +261,7 @@ class Run:
         Raises:
             FileProblem: an entry of `[display]` is not valid.
         """
-        return kept_display(self.path)
+        return run_display(self.path)
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:

@@ -251,11 +251,11 @@ class Preparation:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A after the test with "
                 f"{requested_A:g} A, expected 0 A")
 
-    def starve_watchdog(self, take_pressure_away: Callable[[], object] | None = None) -> float | None:
+    def starve_watchdog(self, switch_pressure_off: Callable[[], object] | None = None) -> float | None:
         """Stop feeding the watchdog, check that the controller trips, and reset it: a failed host stops the rig.
 
         Args:
-            take_pressure_away: switches the pressure off and confirms it, before the reset of a watchdog tested under
+            switch_pressure_off: switches the pressure off and confirms it, before the reset of a watchdog tested under
                 pressure.
 
         Returns:
@@ -285,9 +285,9 @@ class Preparation:
                     "watchdog-absent", f"the controller did not trip within {allowed_s:g} s after the watchdog refresh "
                         "had stopped"
                 )
-            if take_pressure_away is not None:
-                _refuse_moved(before, tripped)
-                take_pressure_away()
+            if switch_pressure_off is not None:
+                _check_not_moved(before, tripped)
+                switch_pressure_off()
             self._commands.command(Command.RESET)
             self._commands.await_status(
                 lambda status: status.fault_bits == 0, "controller-trip", "the trip caused by the watchdog test cannot "
@@ -335,7 +335,7 @@ class Preparation:
         )
 
 
-def _refuse_moved(before: ActuatorStatus | None, tripped: ActuatorStatus) -> None:
+def _check_not_moved(before: ActuatorStatus | None, tripped: ActuatorStatus) -> None:
     """Check that the watchdog trip under pressure did not move the rod.
 
     Raises:

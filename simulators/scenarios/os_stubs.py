@@ -377,6 +377,10 @@ def _is_for(module: str, value: object) -> bool:
     return any(value is one for one in FOR_US[module]) if module in FOR_US else value is not io
 
 
+REAL = ("simulators.scenarios", "rig.jobs", "rig.dampers.compiled_cache")
+"""Modules that keep the real operating system: compiling is not part of a scenario."""
+
+
 class Installed:
     """While entered, the project's modules find a world's machine in place of the real one."""
 
@@ -396,7 +400,7 @@ class Installed:
     def __enter__(self) -> Installed:
         for module_name, module in list(real_sys.modules.items()):
             place = module_name.partition(".")[0]
-            if module is None or module_name.startswith(("simulators.scenarios", "rig.jobs")):
+            if module is None or module_name.startswith(REAL):
                 continue
             if place not in {*PLACES, *plugins.driver_packages()} and module_name not in ALSO:
                 continue

@@ -67,7 +67,7 @@ class CampaignEnd:
     Attributes:
         exit_code: of `rig run`.
         slug: of what stopped or refused it; empty when it ran to its end.
-        said: what `rig run` would tell the operator.
+        message: what `rig run` would show to the operator.
         answer: the keys of `rig run --json` that the campaign knows; empty when it was refused before it had a folder.
         folder: the campaign's directory; None when it did not come to one.
         at_rest: in truth neither pressure nor motion nor current was left.
@@ -76,11 +76,16 @@ class CampaignEnd:
 
     exit_code: int
     slug: str
-    said: str
+    message: str
     answer: Mapping[str, Any]
     folder: Path | None
     at_rest: bool
     truth: Truth
+
+    @property
+    def said(self) -> str:
+        """Earlier name of `message`, available until 2.0."""
+        return self.message
 
     @property
     def verdicts(self) -> dict[str, str]:

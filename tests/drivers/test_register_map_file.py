@@ -215,7 +215,7 @@ WRONG = [
     (("frequency = {address = 104", "frequency = {address = [104, 110]"), "requires 1 different addresses"),
     (("alarms    = {address = 3,", 'alarms = {address = [3, 200], type = "u32",'), "198 registers apart.*at most 125"),
     (("alarms    = {address = 3,", "alarms = {address = [3, 3], type = 'u32',"), "requires 2 different addresses"),
-    (("pump      = {address = 0, function = \"coil\"}", "pump = {address = 90, bit = 2, access = 'w'}"), "read first"),
+    (("pump      = {address = 0, function = \"coil\"}", "pump = {address = 90, bit = 2, access = 'w'}"), "first read"),
     (("pump      = {address = 0,", "pump = {address = 0, write_function = 22,"), "22 is not 5 or 15"),
     (("move-to = [{write = {target = \"$target\", speed = \"$speed\"}}, {write = {command = 1}}]\nstart = [\n"
       "    {write = {amplitude = \"$amplitude\", frequency = \"$frequency\", cycles = \"$all_cycles\"}},\n"

@@ -11,7 +11,7 @@ from rig.bench.model import Bench
 from rig.display import Display
 from rig.errors import FileProblem
 from rig.files.display_table import display_of
-from rig.files.kept_display import kept_display
+from rig.files.run_display import run_display
 from rig.matrix.model import load_matrix
 from rig.signals.peak_force import peak_force
 
@@ -49,13 +49,13 @@ def test_bench_and_matrix_may_state_it_and_no_digest_depends_on_it(tmp_path: Pat
     assert tests.digest == load_matrix(EXAMPLES / "quick.toml").digest
     expected = Display("kN", "in", "in/s", "degF", "compression")
     assert display_of(loaded.display, tests.display) == expected
-    assert kept_display(tmp_path) == expected  # the copies in a run's folder have these names
+    assert run_display(tmp_path) == expected  # the copies in a run's folder have these names
     matrix.write_text('[display]\nforce = "mm"\n')
     with pytest.raises(FileProblem, match="force = 'mm': allowed: N, kN"):
-        kept_display(tmp_path)
+        run_display(tmp_path)
     matrix.write_text("[display")
     bench.unlink()
-    assert kept_display(tmp_path).usual
+    assert run_display(tmp_path).usual
 
 
 def test_a_unit_of_another_quantity_is_refused_with_its_line(tmp_path: Path) -> None:

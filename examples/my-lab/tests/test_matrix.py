@@ -5,7 +5,7 @@ import pytest
 
 def test_the_matrix_fits_the_bench_and_every_point_is_valid(campaign):
     end = campaign()
-    assert end.exit_code == 0, end.said
+    assert end.exit_code == 0, end.message
     assert set(end.verdicts.values()) == {"valid"}, end.reasons
     assert end.at_rest
     # What is fitted is what the simulated damper was made of: kw and kv of `demonstration` in my_lab/friction.py.
@@ -17,7 +17,7 @@ def test_the_matrix_fits_the_bench_and_every_point_is_valid(campaign):
 @pytest.mark.parametrize("slug", ["estop", "loadcell-pulled", "coil-open-short"])
 def test_a_fault_ends_as_its_row_says(campaign, faults, slug):
     end = campaign(f"{slug}@1")
-    assert (end.exit_code, end.slug) == (faults[slug].exit_code, slug), end.said
+    assert (end.exit_code, end.slug) == (faults[slug].exit_code, slug), end.message
     assert end.at_rest
     assert set(end.verdicts.values()) != {"valid"}
 

@@ -40,13 +40,13 @@ LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its log
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
-HOPELESS = 2.0  # times a rival's root mean square error, after the descents; start values are not compared
+ABANDON_RATIO = 2.0  # times a rival's root mean square error, after the descents; start values are not compared
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
 @dataclass(frozen=True)
-class Reached:
+class SearchState:
     """State of a search when it was compared with the error of another model.
 
     Attributes:
@@ -57,14 +57,14 @@ class Reached:
     rmse_N: float
     evaluations: int
 
-    def hopeless(self, model: str, rival_N: float) -> Remark | None:
+    def abandon_reason(self, model: str, rival_N: float) -> Remark | None:
         """Reason to abandon the search; None to continue.
 
         Args:
             model: name of the searched model.
             rival_N: root mean square error of the best other model on the same tests (N).
         """
-        if self.rmse_N <= HOPELESS * rival_N:
+        if self.rmse_N <= ABANDON_RATIO * rival_N:
             return None
         return say(
             "given-up", model=model, evaluations=self.evaluations, reached_N=self.rmse_N,
@@ -79,7 +79,7 @@ class SearchAbandoned(IdentificationFailed):
         reached: state of the search.
     """
 
-    def __init__(self, reason: str, reached: Reached) -> None:
+    def __init__(self, reason: str, reached: SearchState) -> None:
         super().__init__(reason)
         self.reached = reached
 
@@ -104,7 +104,7 @@ class Solution:
     at_bound: tuple[str, ...] = ()
     at_limit: Mapping[str, float] = field(default_factory=dict)
     extra: tuple[FloatArray, ...] | None = None
-    reached: Reached | None = None
+    reached: SearchState | None = None
 
 
 def motion_scale(measurements: Sequence[Measurement]) -> MotionScale:

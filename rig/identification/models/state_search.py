@@ -25,8 +25,8 @@ from rig.identification.models.measurement import Measurement, first_cycle, spac
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import (
     SEARCHED,
-    Reached,
     SearchAbandoned,
+    SearchState,
     Solution,
     motion_scale,
     solve_loop,
@@ -183,8 +183,8 @@ def solve_states(
     rough = NEARLY if start is not None and nearest > DESCRIBED * short.noise_power else ROUGH
     tried = [short.minimise(theta, first, rough, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda minimum: minimum[1])
-    reached = Reached(math.sqrt(best[1] / max(1, short.counting)), short.evaluations)
-    if (reason := reached.hopeless(model.name, rival_N)) is not None:
+    reached = SearchState(math.sqrt(best[1] / max(1, short.counting)), short.evaluations)
+    if (reason := reached.abandon_reason(model.name, rival_N)) is not None:
         raise SearchAbandoned(reason, reached)
     theta, left = best if len(thetas) == 1 else short.minimise(best[0], ITERATIONS, ROUGH)
     natural = unknowns.values(theta)

@@ -31,13 +31,13 @@ KEPT = 32_768
 """Approximate number of means of a long test: more cost time, fewer make the phase intervals wide."""
 MOST_PHASES = 2048
 FEWEST_GROUPS = 16
-WORTHWHILE = 1.5
+FEWEST_AVERAGED = 1.5
 """Minimum number of recorded samples per mean; averaging fewer is not worthwhile."""
 SAME_PERIOD = 0.01
 """Tolerance for the relative difference between the measured and the known period."""
-TIE = 0.01
+TIE_FRACTION = 0.01
 """Fraction of the interval within which samples near a boundary are always assigned to the lower interval."""
-SHARPENED = 3
+MIDPOINT_ITERATIONS = 3
 """Number of iterations to compute midpoint values from the means."""
 MOTION = ("u_m", "v_m_s", "a_m_s2", "unseen_v_m_s", "unseen_a_m_s2")
 OUT_OF_NOISE = 6.0
@@ -56,7 +56,7 @@ def mean_cycles(test: Measurement) -> Measurement:
         return test
     places = _Places.of(test)
     known = abs(places.period - test.samples_per_cycle) <= SAME_PERIOD * places.period
-    if not known or test.u_m.size < WORTHWHILE * places.groups * places.phases:
+    if not known or test.u_m.size < FEWEST_AVERAGED * places.groups * places.phases:
         return test
     motion = _motion(test, places)
     return test if motion is None else _averaged(test, places, motion)
@@ -123,7 +123,7 @@ class _Places:
     def of(cls, test: Measurement) -> _Places:
         """Assignment for a test; as many intervals as possible have the same number of samples."""
         period = samples_a_cycle(test.u_m)
-        cycles = max(1, int(test.u_m.size / period + TIE))
+        cycles = max(1, int(test.u_m.size / period + TIE_FRACTION))
         phases = max(1, round(period / math.ceil(period / MOST_PHASES)))
         together = max(1, cycles // max(FEWEST_GROUPS, KEPT // phases))
         return cls(period, cycles, phases, max(1, cycles // together))
@@ -131,7 +131,7 @@ class _Places:
     def at(self, rows: slice) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Group and interval of samples, and their distance from its midpoint (in intervals), shape (n,) each."""
         place = np.arange(rows.start, rows.stop) * (self.phases / self.period)
-        whole = np.floor(place + 0.5 - TIE).astype(np.int64)
+        whole = np.floor(place + 0.5 - TIE_FRACTION).astype(np.int64)
         cycle = np.minimum(whole // self.phases, self.cycles - 1)
         return cycle * self.groups // self.cycles, whole % self.phases, place - whole
 
@@ -184,13 +184,13 @@ class _Curve:
     def through(cls, means: FloatArray, apart: FloatArray, square: FloatArray, *, noisy: bool) -> _Curve:
         """The curve with these means, for samples with these mean distances and mean square distances."""
         curve = cls._of(means, noisy=noisy)
-        for _ in range(SHARPENED):
+        for _ in range(MIDPOINT_ITERATIONS):
             curve = cls._of(means - curve.slope * apart - 0.5 * curve.bend * square, noisy=noisy)
         return curve
 
     @classmethod
     def _of(cls, values: FloatArray, *, noisy: bool) -> _Curve:
-        smooth = _standing_out(values) if noisy else values
+        smooth = _significant_harmonics(values) if noisy else values
         before2, before, after, after2 = (np.roll(smooth, by) for by in (2, 1, -1, -2))
         slope = (8.0 * (after - before) - (after2 - before2)) / 12.0
         return cls(values, slope, (16.0 * (after + before) - (after2 + before2) - 30.0 * smooth) / 12.0)
@@ -204,7 +204,7 @@ class _Curve:
         return np.asarray((self.slope[phase] + 0.5 * self.bend[phase] * apart) * apart)
 
 
-def _standing_out(values: FloatArray) -> FloatArray:
+def _significant_harmonics(values: FloatArray) -> FloatArray:
     """Harmonics of a curve above its noise; noise would bend the curve of all groups, like a misfit."""
     spectrum = np.fft.rfft(values)
     power = np.abs(spectrum) ** 2

@@ -17,9 +17,9 @@ import numpy as np
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.identification.models.measurement import Measurement, MotionError
+from rig.identification.points.cached_measurement import cached_measurement
 from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured, refuse_too_few
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
-from rig.identification.points.kept_measurement import kept_measurement
 from rig.identification.points.whole_record import has_cycles, prepare_whole
 from rig.identification.remarks import Remark, say, some
 from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
@@ -113,7 +113,7 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     if point.verdict == "invalid":
         raise IdentificationFailed(f"the recording is invalid ({'; '.join(point.reasons)})")
     with evaluating("it"):
-        return kept_measurement(point, skew, _made)
+        return cached_measurement(point, skew, _made)
 
 
 def _made(point: RecordedPoint, skew: PointSkew | None) -> Measurement:

@@ -72,7 +72,7 @@ def test_a_worker_with_another_version_is_named_before_work_starts(
 def test_a_worker_without_this_software_is_named() -> None:
     lacking = ModuleNotFoundError("No module named 'rig'")
     with pytest.raises(RigError, match=r"worker tcp://10.0.0.7:1: this software is not installed there"):
-        module._refuse_other("worker tcp://10.0.0.7:1", lacking, module._software())
+        module._check_versions("worker tcp://10.0.0.7:1", lacking, module._software())
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from rig.jobs.time_left import TimeLeft
 from rig.jobs.workers import (
     AHEAD,
     HERE,
-    MOST_DEATHS,
+    MOST_FAILURES,
     ExecutorWorkers,
     Job,
     Missing,
@@ -129,7 +129,7 @@ def test_a_death_costs_its_jobs_only_and_each_suspect_runs_alone() -> None:
 
 
 def test_a_job_that_kills_its_workers_is_named_and_others_are_not_blamed() -> None:
-    workers = Dying({"job 3": MOST_DEATHS})
+    workers = Dying({"job 3": MOST_FAILURES})
     found: list[str] = []
     with pytest.raises(WorkersFailed, match=r"job 3: 3 worker processes ended"):
         found.extend(job.name for job, _ in workers.results(squares(7)))

@@ -179,7 +179,7 @@ def test_the_page_of_a_campaign_that_runs_is_closed_by_nobody(desk: Desk) -> Non
 def test_the_lease_of_a_bench_is_had_without_a_campaign_and_outlasts_each(desk: Desk, tmp_path: Path) -> None:
     desk.running = False
     bench = Desk(desk.folder, running=False)
-    bench.lease = Lease(lambda: bench.folder if bench.running else None, lambda: bench.now_ns, lasting=True)
+    bench.lease = Lease(lambda: bench.folder if bench.running else None, lambda: bench.now_ns, permanent=True)
     bench.commands = Commands(bench.lease, lambda: bench.folder if bench.running else None, None, bench._say)
     assert bench.ask(ADA, do="lease", name="Ada")["ok"] is True
     assert bench.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken"

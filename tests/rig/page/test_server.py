@@ -27,7 +27,7 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 from drivers.ring import RingWriter
 from rig.page import server
 from rig.page.access import Access, Role
-from rig.page.desk import Bench, Desk
+from rig.page.bench_control import Bench, BenchControl
 from rig.page.document import BENCH, RUN, document
 from rig.page.process import listening
 from rig.page.server import (
@@ -86,7 +86,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
 
 def served(
     rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]], settings: PageSettings = HERE,
-    shown: Desk | None = None,
+    shown: BenchControl | None = None,
 ) -> None:
     """Run the server and a test against it."""
 
@@ -443,20 +443,20 @@ def test_the_page_of_a_bench_gives_out_reports_without_their_scripts_and_samples
         assert (await asyncio.to_thread(got, access, f"/?token={viewer}"))[1] == document(BENCH)
         assert (await asyncio.to_thread(got, access, f"/run?token={viewer}"))[1] == document(RUN)
         uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.OPERATOR]}&client=a"
-        async with connect(f"{uri}&view=bench") as desk, connect(uri) as view:
-            shown = [json.loads(await desk.recv()) for _ in range(4)]
+        async with connect(f"{uri}&view=bench") as control, connect(uri) as view:
+            shown = [json.loads(await control.recv()) for _ in range(4)]
             assert [one["type"] for one in shown] == ["standing", "state", "bench", "history"]
             assert (shown[2]["running"], shown[3]["runs"][0]["report"]) == (True, True)
             assert shown[0]["report_token"] == viewer
             assert {json.loads(await view.recv())["type"] for _ in range(5)} >= {"run", "results", "events"}
             page.send_frame()
             assert isinstance(await view.recv(), bytes)
-            assert (await answer(desk, do="begin", matrix="m.toml"))["refused"] == "no-lease"
-            assert (await answer(desk, do="stop"))["ok"] is True
+            assert (await answer(control, do="begin", matrix="m.toml"))["refused"] == "no-lease"
+            assert (await answer(control, do="stop"))["ok"] is True
 
-    desk = Desk(bench, place=tmp_path)
-    served(rig, do, shown=desk)
-    desk.watched.close()
+    control = BenchControl(bench, place=tmp_path)
+    served(rig, do, shown=control)
+    control.watched.close()
 
 
 def test_a_finished_run_is_shown_to_the_browser_that_opens_it_until_a_run_begins(rig: Rig, tmp_path: Path) -> None:
@@ -466,7 +466,7 @@ def test_a_finished_run_is_shown_to_the_browser_that_opens_it_until_a_run_begins
     bench = Bench(tmp_path / "b.toml", "b", frozenset(), tmp_path, tmp_path / "logs", tmp_path, simulate=True)
     replace_json(rig.live / "devices.json", {"out": str(tmp_path / "logs"), "devices": []})
     seconds = iter(range(1, 10_000))
-    desk = Desk(bench, lambda: next(seconds) * 1_000_000_000, tmp_path / "no-run-yet")
+    control = BenchControl(bench, lambda: next(seconds) * 1_000_000_000, tmp_path / "no-run-yet")
 
     async def shown(connection: ClientConnection) -> str:
         while True:
@@ -479,12 +479,12 @@ def test_a_finished_run_is_shown_to_the_browser_that_opens_it_until_a_run_begins
         uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.VIEWER]}"
         async with connect(f"{uri}&client=a&run={old.name}") as one, connect(f"{uri}&client=b&run=../x") as other:
             assert (await shown(one), await shown(other)) == (old.name, new.name)
-            desk._place = tmp_path
+            control._place = tmp_path
             page.send_changes()
             assert (await shown(one), await shown(other)) == (rig.run.name, rig.run.name)
 
-    served(rig, do, shown=desk)
-    desk.watched.close()
+    served(rig, do, shown=control)
+    control.watched.close()
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl to make a certificate with")

@@ -1,8 +1,8 @@
 """What an operator does at a bench before, between and after runs: choose a matrix, read its plan, start, resume.
 
-The desk never owns a run. It starts `rig run` as if it were typed, and finds whatever runs on the bench by its live
+This module never owns a run. It starts `rig run` as if it were typed, and finds whatever runs on the bench by its live
 folder: started here, by an earlier page, or in a terminal. Whether anything moves is decided by `rig run` and the
-station alone, with all their checks; the desk adds what a person at a page must have seen before:
+station alone, with all their checks; this module adds what a person at a page must have seen before:
 
 - a plan: `rig run` is given the digest of the files that it was made of, and refuses others (`plan-changed`);
 - the stops to be confirmed before a run is resumed: `rig run` is given their codes, and refuses others
@@ -115,8 +115,8 @@ class Refusal(Exception):
 
 
 @dataclass(frozen=True)
-class Asker:
-    """Who asks.
+class Requester:
+    """The operator who sends a request.
 
     Attributes:
         by: the operator's name, for the run's files.
@@ -129,8 +129,8 @@ class Asker:
     stopped: Callable[[], bool] = lambda: False
 
 
-class Desk:
-    """The desk of one bench.
+class BenchControl:
+    """Control of one bench from its page.
 
     Args:
         bench: the bench.
@@ -302,7 +302,7 @@ class Desk:
 
     # What is asked of it
 
-    async def answer(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+    async def answer(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
         """Answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
 
         Requests are answered one at a time, and few may wait, because the rig needs the processor. `of` names the
@@ -318,13 +318,13 @@ class Desk:
             return {**reply, "refused": "page-busy", "text": "Too many requests are waiting. Try again in a moment."}
         self._waiting += 1
         starts, stops = do in {"begin", "resume"}, self._stops
-        asker = replace(asker, stopped=lambda: self._stops != stops)
+        requester = replace(requester, stopped=lambda: self._stops != stops)
         try:
             async with self._asking:
                 try:
                     if starts:
-                        self._announce(do, str(reply["of"]), asker)
-                    return {**reply, **await answers[do](message, asker)}
+                        self._announce(do, str(reply["of"]), requester)
+                    return {**reply, **await answers[do](message, requester)}
                 finally:
                     self._pending.clear()
         except Refusal as refusal:
@@ -332,11 +332,11 @@ class Desk:
         finally:
             self._waiting -= 1
 
-    def _announce(self, do: str, name: str, asker: Asker) -> None:
+    def _announce(self, do: str, name: str, requester: Requester) -> None:
         """Show a start that is being checked; not where it will be refused because the rig is in use."""
         self._idle()
         title = f"resumed {name}" if do == "resume" else name
-        self._pending.append({"by": asker.by, "title": title, "utc": utc_now().isoformat(timespec="seconds")})
+        self._pending.append({"by": requester.by, "title": title, "utc": utc_now().isoformat(timespec="seconds")})
 
     def _idle(self) -> None:
         """Refuse what must not be done while the rig is in use.
@@ -354,8 +354,8 @@ class Desk:
         if self.starting and self.started is not None:
             raise Refusal("already-running", f"{self.started.by} is starting a run: {self.started.title}.")
 
-    async def _plan(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        del asker
+    async def _plan(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
+        del requester
         self._idle()
         await self.list_matrices()
         name = message.get("matrix")
@@ -374,7 +374,7 @@ class Desk:
             raise Refusal("unknown-matrix", "This matrix file is no longer in the folder. Choose another one.")
         return path
 
-    async def _begin(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+    async def _begin(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
         self._idle()
         name = str(message.get("matrix"))
         path, planned = self._matrix(name), str(message.get("planned"))
@@ -392,11 +392,11 @@ class Desk:
             str(path), f"--bench={self.bench.path}", *rig, f"--planned={planned}", f"--serial-number={serial_number}",
             f"--out={self.bench.out}",
         )  # fmt: skip
-        self._start(arguments, asker, f"{name}, specimen {serial_number}", message)
+        self._start(arguments, requester, f"{name}, specimen {serial_number}", message)
         return {"ok": True}
 
-    async def _questions(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        del asker
+    async def _questions(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
+        del requester
         self._idle()
         run = self._resumable(message.get("run"))
         answer = await self._ask({"do": "questions", "run": str(self.bench.out / run["name"])})
@@ -414,7 +414,7 @@ class Desk:
             raise Refusal("nothing-left", "This run has no points left to run.")
         return run
 
-    async def _resume(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
+    async def _resume(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
         self._idle()
         run = self._resumable(message.get("run"))
         name = str(run["name"])
@@ -433,11 +433,11 @@ class Desk:
             *(() if self.bench.simulate else (f"--bench={self.bench.path}",)),
             *((f"--requalified={requalified}",) if requalified else ()),
         )  # fmt: skip
-        self._start(arguments, asker, f"resumed {name}", message)
+        self._start(arguments, requester, f"resumed {name}", message)
         return {"ok": True}
 
-    async def _make_report(self, message: Mapping[str, Any], asker: Asker) -> dict[str, Any]:
-        del asker
+    async def _make_report(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
+        del requester
         self._idle()
         run = self.history.entry(message.get("run"))
         if run is None or not run["recorded"]:
@@ -445,17 +445,17 @@ class Desk:
         await self._ask({"do": "report", "run": str(self.bench.out / run["name"])})
         return {"ok": True, "run": run["name"]}
 
-    def _start(self, arguments: tuple[str, ...], asker: Asker, title: str, message: Mapping[str, Any]) -> None:
+    def _start(self, arguments: tuple[str, ...], requester: Requester, title: str, message: Mapping[str, Any]) -> None:
         """Start `rig run`; everything since the last look at what runs is done without waiting.
 
         Raises:
             Refusal: it cannot be started, or control was lost while the request waited.
         """
-        if not asker.may_start():
+        if not requester.may_start():
             raise Refusal("no-lease", "Take control first.")
-        if asker.stopped():
+        if requester.stopped():
             raise Refusal("operator", "Stop was pressed: nothing was started.")
-        by = asker.by
+        by = requester.by
         texts = {key: one_line(message.get(key), WORDS[key]) for key in ("specimen", "note")}
         words = {"operator": by, **{key: text for key, text in texts.items() if text}}
         utc = utc_now().isoformat(timespec="seconds")

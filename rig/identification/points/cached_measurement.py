@@ -21,7 +21,7 @@ SINGLE = {one.name for one in fields(Measurement) if one.type in {"str", "float"
 ERROR = "motion_error."
 
 
-def kept_measurement(
+def cached_measurement(
     point: RecordedPoint, skew: PointSkew | None, prepare: Callable[[RecordedPoint, PointSkew | None], Measurement]
 ) -> Measurement:
     """Return the cached measurement of a point for the same data and code, or prepare and cache it.

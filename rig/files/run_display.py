@@ -15,7 +15,7 @@ from rig.errors import FileProblem
 from rig.files.toml_source import read_toml
 
 
-def kept_display(run: Path) -> Display:
+def run_display(run: Path) -> Display:
     """How the numbers of a run are shown; as usual where the run keeps no such file, or the file is damaged.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The lasting address of a bench's page: port and tokens in a file of this user alone, one server at a time.
+"""The permanent address of a bench's page: port and tokens in a file of this user alone, one server at a time.
 
 They are kept in the user's own state folder, not beside the bench file or the runs: those are shared, copied and
 archived. The file has mode 0600. If other users could read it, or if it is a link, new tokens are drawn.
@@ -30,7 +30,7 @@ LARGEST_BYTES = 4096
 
 
 @dataclass
-class LastingAddress:
+class PermanentAddress:
     """Where one bench is served, for as long as this object is open.
 
     Attributes:
@@ -49,7 +49,7 @@ class LastingAddress:
     _lock: int = -1
 
     @classmethod
-    def opened(cls, bench: Path, *, renewed: bool = False, place: Path | None = None) -> LastingAddress:
+    def opened(cls, bench: Path, *, renewed: bool = False, place: Path | None = None) -> PermanentAddress:
         """The address of a bench, held until it is closed.
 
         Args:

@@ -22,7 +22,7 @@ MOTION = [one.name for one in fields(MotionReading)]
 MEASURED = {one.name for one in fields(LoopCharacteristics) if one.type == "Measured"}
 
 
-def kept_loop(point: RecordedPoint, measured: Measurement) -> LoopCharacteristics:
+def cached_loop(point: RecordedPoint, measured: Measurement) -> LoopCharacteristics:
     """Return the cached result of `characterise_loop` for the same data and code, or compute and cache it.
 
     Raises:

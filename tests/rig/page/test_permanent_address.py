@@ -1,4 +1,4 @@
-"""The lasting address of a bench's page: its tokens, who can read them, one server at a time."""
+"""The permanent address of a bench's page: its tokens, who can read them, one server at a time."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from pathlib import Path
 import pytest
 
 from rig.page.access import Access, Denied, Role
-from rig.page.lasting import ADDRESS, LastingAddress
+from rig.page.permanent_address import ADDRESS, PermanentAddress
 from rig.page.process import lasting_socket
 from rig.page.settings import PageProblem, PageSettings
 
 BENCH = Path("lab") / "bench.toml"
 
 
-def served(place: Path, *, renewed: bool = False) -> LastingAddress:
+def served(place: Path, *, renewed: bool = False) -> PermanentAddress:
     """The address after one server was started and ended."""
-    address = LastingAddress.opened(BENCH, place=place, renewed=renewed)
+    address = PermanentAddress.opened(BENCH, place=place, renewed=renewed)
     address.keep(address.port, f"http://127.0.0.1:{address.port}/")
     address.close()
     return address
 
 
-def file_of(address: LastingAddress) -> Path:
+def file_of(address: PermanentAddress) -> Path:
     return address.folder / ADDRESS
 
 
@@ -36,7 +36,7 @@ def test_tokens_and_port_last_and_belong_to_this_user_alone(tmp_path: Path) -> N
     assert file_of(first).stat().st_mode & 0o777 == 0o600
     assert first.folder.stat().st_mode & 0o777 == 0o700
     assert first.tokens[Role.OPERATOR] not in repr(first)
-    other = LastingAddress.opened(Path("other") / "bench.toml", place=tmp_path)
+    other = PermanentAddress.opened(Path("other") / "bench.toml", place=tmp_path)
     assert set(other.tokens.values()).isdisjoint(first.tokens.values())
     other.close()
 
@@ -51,9 +51,9 @@ def test_renewed_tokens_make_the_old_address_one_of_a_stranger(tmp_path: Path) -
 
 def test_a_second_server_is_refused_and_names_the_address(tmp_path: Path) -> None:
     served(tmp_path)
-    first = LastingAddress.opened(BENCH, place=tmp_path)
+    first = PermanentAddress.opened(BENCH, place=tmp_path)
     with pytest.raises(PageProblem, match=rf"already being served at http://127.0.0.1:{first.port}/"):
-        LastingAddress.opened(BENCH, place=tmp_path)
+        PermanentAddress.opened(BENCH, place=tmp_path)
     first.close()
 
 
@@ -90,7 +90,7 @@ def test_a_file_that_may_have_been_read_or_written_by_others_gives_new_tokens(
 
 
 def test_a_known_port_that_another_program_has_is_not_exchanged_in_silence(tmp_path: Path) -> None:
-    address = LastingAddress.opened(BENCH, place=tmp_path)
+    address = PermanentAddress.opened(BENCH, place=tmp_path)
     other = lasting_socket(PageSettings(), address)
     other.listen()
     next_one = lasting_socket(PageSettings(), address)

@@ -16,7 +16,7 @@ from unittest.mock import Mock
 import pytest
 
 from rig.page import started_run
-from rig.page.desk import MOST_WAITING, Asker, Bench, Desk, Phase, phase
+from rig.page.bench_control import MOST_WAITING, Bench, BenchControl, Phase, Requester, phase
 from rig.page.history import History
 from rig.page.matrices import READ_HERE_BYTES, Matrices
 from rig.page.started_run import OUTPUT, StartedRun
@@ -24,7 +24,7 @@ from rig.station.live_folder import APPLICATION_SOCKET, DEVICES, bound, make_liv
 
 MATRIX = '[specimen]\nserial_number = "MR-001"\n[matrix]\n'
 DIGEST = "a" * 64
-ADA, BOB, GONE = Asker("Ada", lambda: True), Asker("Bob", lambda: True), Asker("Eve", lambda: False)
+ADA, BOB, GONE = Requester("Ada", lambda: True), Requester("Bob", lambda: True), Requester("Eve", lambda: False)
 GRAVE = {"slug": "estop", "text": "estop", "resume": "n"}
 
 
@@ -68,8 +68,8 @@ def bench(tmp_path: Path) -> Bench:
     )
 
 
-class AnsweringDesk(Desk):
-    """A desk whose questions to other rooms are answered here."""
+class AnsweringControl(BenchControl):
+    """A bench control with predefined answers from other modules."""
 
     reply: Mapping[str, Any] = {
         "planned": DIGEST, "feasible": True, "serial_number": "MR-001", "devices": ["port:1"], "blocks": [],
@@ -82,21 +82,21 @@ class AnsweringDesk(Desk):
 
 
 @pytest.fixture
-def desk(bench: Bench, tmp_path: Path) -> AnsweringDesk:
-    return AnsweringDesk(bench, place=tmp_path / "live")
+def control(bench: Bench, tmp_path: Path) -> AnsweringControl:
+    return AnsweringControl(bench, place=tmp_path / "live")
 
 
-def asked(desk: Desk, **message: object) -> dict[str, Any]:
-    return asyncio.run(desk.answer(message, ADA))
+def asked(control: BenchControl, **message: object) -> dict[str, Any]:
+    return asyncio.run(control.answer(message, ADA))
 
 
-def planned(desk: Desk, name: str = "m.toml") -> None:
-    assert asked(desk, do="plan", matrix=name)["planned"] == DIGEST
+def planned(control: BenchControl, name: str = "m.toml") -> None:
+    assert asked(control, do="plan", matrix=name)["planned"] == DIGEST
 
 
-def run_in(desk: Desk, name: str, *, simulated: bool = False) -> str:
+def run_in(control: BenchControl, name: str, *, simulated: bool = False) -> str:
     """A campaign that the operator stopped after one of two points."""
-    folder = desk.bench.out / name
+    folder = control.bench.out / name
     (folder / "points").mkdir(parents=True)
     (folder / "matrix.toml").write_text(MATRIX)
     description = {"points": ["p001", "p002"], "specimen": "MR-1", "simulated": {"speed": 1} if simulated else None}
@@ -104,40 +104,41 @@ def run_in(desk: Desk, name: str, *, simulated: bool = False) -> str:
     points = [{"id": "p001", "verdict": "valid"}, {"id": "p002", "verdict": "not run"}]
     result = {"event": "result", "points": points, "stopped_by": "operator", "rig_state": "safe", "detail": "Stop"}
     (folder / "journal.jsonl").write_text(json.dumps(result) + "\n")
-    desk.history.look()
+    control.history.look()
     return name
 
 
-def test_what_was_planned_is_started_as_if_it_were_typed(desk: AnsweringDesk, started: Started) -> None:
-    planned(desk)
+def test_what_was_planned_is_started_as_if_it_were_typed(control: AnsweringControl, started: Started) -> None:
+    planned(control)
     message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "MR-7", "note": "a\nb"}
-    assert asked(desk, **message) == {"do": "begin", "of": "m.toml", "ok": True}
-    lab, logs = desk.bench.matrices, desk.bench.out
+    assert asked(control, **message) == {"do": "begin", "of": "m.toml", "ok": True}
+    lab, logs = control.bench.matrices, control.bench.out
     assert started.arguments == [(
         str(lab / "m.toml"), f"--bench={lab / 'bench.toml'}", f"--planned={DIGEST}", "--serial-number=MR-7",
         f"--out={logs}", "--operated", "--json",
     )]  # fmt: skip
-    assert desk.started is not None
-    assert (desk.started.by, desk.started.title) == ("Ada", "m.toml, specimen MR-7")
+    assert control.started is not None
+    assert (control.started.by, control.started.title) == ("Ada", "m.toml, specimen MR-7")
 
 
 def test_of_two_browsers_that_start_two_matrices_one_is_refused_in_words(
-    desk: AnsweringDesk, started: Started
+    control: AnsweringControl, started: Started
 ) -> None:
-    (desk.bench.matrices / "n.toml").write_text(MATRIX)
-    planned(desk, "m.toml")
-    planned(desk, "n.toml")
+    (control.bench.matrices / "n.toml").write_text(MATRIX)
+    planned(control, "m.toml")
+    planned(control, "n.toml")
 
     async def both() -> list[dict[str, Any]]:
         return await asyncio.gather(*(
-            desk.answer({"do": "begin", "matrix": name, "planned": DIGEST, "serial_number": "A"}, asker)
-            for name, asker in (("m.toml", ADA), ("n.toml", BOB))
+            control.answer({"do": "begin", "matrix": name, "planned": DIGEST, "serial_number": "A"}, requester)
+            for name, requester in (("m.toml", ADA), ("n.toml", BOB))
         ))  # fmt: skip
 
     answers = asyncio.run(both())
     assert [answer.get("refused") for answer in answers] == [None, "already-running"]
-    assert asked(desk, do="begin", matrix="n.toml", planned=DIGEST, serial_number="A")["refused"] == "already-running"
-    assert asked(desk, do="plan", matrix="n.toml")["text"] == "Ada is starting a run: m.toml, specimen A."
+    again = asked(control, do="begin", matrix="n.toml", planned=DIGEST, serial_number="A")
+    assert again["refused"] == "already-running"
+    assert asked(control, do="plan", matrix="n.toml")["text"] == "Ada is starting a run: m.toml, specimen A."
     assert len(started.arguments) == 1
 
 
@@ -155,45 +156,45 @@ def test_a_start_is_announced_until_its_campaign_is_there_and_an_end_only_after_
 
 
 def test_the_page_is_idle_again_once_the_history_is_read_and_no_earlier(
-    desk: AnsweringDesk, started: Started, tmp_path: Path
+    control: AnsweringControl, started: Started, tmp_path: Path
 ) -> None:
-    planned(desk)
+    planned(control)
     begin = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "A"}
-    assert (asked(desk, **begin)["ok"], desk.status()["phase"]) == (True, "starting")
+    assert (asked(control, **begin)["ok"], control.status()["phase"]) == (True, "starting")
     folder, lock = make_live_folder(tmp_path / "live")
-    replace_json(folder / DEVICES, {"out": str(desk.bench.out), "devices": ["port:1"]})
-    seen = [asked(desk, do="plan", matrix="m.toml")["refused"], desk.status()["phase"]]
+    replace_json(folder / DEVICES, {"out": str(control.bench.out), "devices": ["port:1"]})
+    seen = [asked(control, do="plan", matrix="m.toml")["refused"], control.status()["phase"]]
     replace_json(folder / "state.json", {"ended": {"valid": 1}})
-    seen.append(desk.status()["phase"])
+    seen.append(control.status()["phase"])
     os.close(lock)
-    seen.append(desk.status()["phase"])
+    seen.append(control.status()["phase"])
     started.lives = False
-    seen.append(desk.status()["phase"])
+    seen.append(control.status()["phase"])
     assert seen == ["already-running", "running", "evaluating", "evaluating", "evaluating"]
-    planned(desk)
-    assert desk.look() is True, "what a request has noticed is still news to the server"
-    desk.settle()
-    assert desk.status()["phase"] == "idle"
+    planned(control)
+    assert control.look() is True, "what a request has noticed is still news to the server"
+    control.settle()
+    assert control.status()["phase"] == "idle"
 
 
-def test_stop_ends_what_is_being_started(desk: AnsweringDesk, started: Started) -> None:
-    assert desk.cancel("Ada") is False
+def test_stop_ends_what_is_being_started(control: AnsweringControl, started: Started) -> None:
+    assert control.cancel("Ada") is False
 
     async def stopped_while_it_waits() -> str:
-        waiting = asyncio.create_task(desk.answer(begin, ADA))
+        waiting = asyncio.create_task(control.answer(begin, ADA))
         await asyncio.sleep(0)
-        desk.cancel("viewer")
+        control.cancel("viewer")
         return str((await waiting).get("refused"))
 
-    run = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    run = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
     begin = {"do": "resume", "run": run, "confirmed": []}
     assert (asyncio.run(stopped_while_it_waits()), started.arguments) == ("operator", [])
-    assert asked(desk, **begin)["ok"] is True
-    assert (desk.cancel("Eve"), started.interrupted) == (True, True)
+    assert asked(control, **begin)["ok"] is True
+    assert (control.cancel("Eve"), started.interrupted) == (True, True)
     started.lives = False
-    planned(desk)
-    desk.settle()
-    outcome = desk.status()["outcome"]
+    planned(control)
+    control.settle()
+    outcome = control.status()["outcome"]
     assert outcome["text"] == f"resumed {run}: stopped by Eve before the rig was connected."
 
 
@@ -207,67 +208,69 @@ def test_stop_ends_what_is_being_started(desk: AnsweringDesk, started: Started) 
     ({"serial_number": "MR-1\n"}, None), ({"serial_number": "MR\0"}, "bad-serial-number"),
 ])  # fmt: skip
 def test_hostile_values_of_a_start_are_refused(
-    desk: AnsweringDesk, started: Started, change: dict[str, Any], refused: str | None
+    control: AnsweringControl, started: Started, change: dict[str, Any], refused: str | None
 ) -> None:
-    planned(desk)
+    planned(control)
     message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "MR-7", **change}
-    assert asked(desk, **message).get("refused") == refused
+    assert asked(control, **message).get("refused") == refused
     assert len(started.arguments) == (refused is None)
 
 
-def test_requests_are_answered_one_after_the_other_and_a_flood_is_refused(desk: AnsweringDesk) -> None:
+def test_requests_are_answered_one_after_the_other_and_a_flood_is_refused(control: AnsweringControl) -> None:
     async def many() -> list[dict[str, Any]]:
-        plans = (desk.answer({"do": "plan", "matrix": "m.toml"}, ADA) for _ in range(MOST_WAITING + 3))
+        plans = (control.answer({"do": "plan", "matrix": "m.toml"}, ADA) for _ in range(MOST_WAITING + 3))
         return await asyncio.gather(*plans)
 
     answers = [answer.get("refused") for answer in asyncio.run(many())]
     assert (answers.count(None), answers.count("page-busy")) == (MOST_WAITING, 3)
 
 
-def test_a_start_that_waited_until_control_was_lost_starts_nothing(desk: AnsweringDesk, started: Started) -> None:
-    planned(desk)
+def test_a_start_that_waited_until_control_was_lost_starts_nothing(control: AnsweringControl, started: Started) -> None:
+    planned(control)
     message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": "A"}
-    assert asyncio.run(desk.answer(message, GONE))["refused"] == "no-lease"
-    run = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
-    assert asyncio.run(desk.answer({"do": "resume", "run": run, "confirmed": []}, GONE))["refused"] == "no-lease"
+    assert asyncio.run(control.answer(message, GONE))["refused"] == "no-lease"
+    run = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
+    assert asyncio.run(control.answer({"do": "resume", "run": run, "confirmed": []}, GONE))["refused"] == "no-lease"
     assert started.arguments == []
 
 
-def test_a_plan_outside_the_limits_is_not_started(desk: AnsweringDesk, started: Started) -> None:
-    desk.reply = {**desk.reply, "feasible": False}
-    planned(desk)
-    answer = asked(desk, do="begin", matrix="m.toml", planned=DIGEST, serial_number="A")
+def test_a_plan_outside_the_limits_is_not_started(control: AnsweringControl, started: Started) -> None:
+    control.reply = {**control.reply, "feasible": False}
+    planned(control)
+    answer = asked(control, do="begin", matrix="m.toml", planned=DIGEST, serial_number="A")
     assert (answer["refused"], started.arguments) == ("matrix-infeasible", [])
 
 
-def test_a_run_is_resumed_once_every_stop_is_confirmed_and_described(desk: AnsweringDesk, started: Started) -> None:
-    name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+def test_a_run_is_resumed_once_every_stop_is_confirmed_and_described(
+    control: AnsweringControl, started: Started
+) -> None:
+    name = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
     stops = [{"slug": "operator", "text": "", "resume": "c"}, GRAVE]
-    desk.reply = {**desk.reply, "stops": stops, "requalify": True}
-    assert asked(desk, do="questions", run=name)["stops"] == stops
+    control.reply = {**control.reply, "stops": stops, "requalify": True}
+    assert asked(control, do="questions", run=name)["stops"] == stops
     half = {"do": "resume", "run": name, "confirmed": ["operator"], "requalified": "coil replaced"}
-    assert asked(desk, **half)["refused"] == "not-confirmed"
+    assert asked(control, **half)["refused"] == "not-confirmed"
     whole = {**half, "confirmed": ["operator", "estop"]}
-    assert asked(desk, **{**whole, "requalified": "\n"})["refused"] == "requalify"
+    assert asked(control, **{**whole, "requalified": "\n"})["refused"] == "requalify"
     assert started.arguments == []
-    assert asked(desk, **whole) == {"do": "resume", "of": name, "ok": True}
+    assert asked(control, **whole) == {"do": "resume", "of": name, "ok": True}
     assert started.arguments == [(
-        f"--resume={desk.bench.out / name}", "--confirmed=operator,estop", f"--bench={desk.bench.path}",
+        f"--resume={control.bench.out / name}", "--confirmed=operator,estop", f"--bench={control.bench.path}",
         "--requalified=coil replaced", "--operated", "--json",
     )]  # fmt: skip
 
 
 @pytest.mark.parametrize("run", ["../../etc", "", None, "no-such-run", "20260102T030405Z-MR-1-aaaaaa/."])
-def test_only_a_listed_run_is_resumed(desk: AnsweringDesk, started: Started, run: object) -> None:
-    run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
-    assert asked(desk, do="resume", run=run, confirmed=[])["refused"] == "unknown-run"
-    assert asked(desk, do="make-report", run=run)["refused"] == "unknown-run"
+def test_only_a_listed_run_is_resumed(control: AnsweringControl, started: Started, run: object) -> None:
+    run_in(control, "20260102T030405Z-MR-1-aaaaaa")
+    assert asked(control, do="resume", run=run, confirmed=[])["refused"] == "unknown-run"
+    assert asked(control, do="make-report", run=run)["refused"] == "unknown-run"
     assert started.arguments == []
 
 
-def test_a_simulated_run_is_not_resumed_on_hardware(desk: AnsweringDesk, started: Started) -> None:
-    name = run_in(desk, "20260102T030405Z-MR-1-bbbbbb", simulated=True)
-    assert asked(desk, do="resume", run=name, confirmed=["operator"])["refused"] == "another-rig"
+def test_a_simulated_run_is_not_resumed_on_hardware(control: AnsweringControl, started: Started) -> None:
+    name = run_in(control, "20260102T030405Z-MR-1-bbbbbb", simulated=True)
+    assert asked(control, do="resume", run=name, confirmed=["operator"])["refused"] == "another-rig"
     assert started.arguments == []
 
 
@@ -282,34 +285,34 @@ def running(tmp_path: Path, bench: Bench) -> Iterator[Path]:
 
 
 def test_a_run_from_a_terminal_is_found_and_nothing_is_started_beside_it(
-    running: Path, desk: AnsweringDesk, started: Started
+    running: Path, control: AnsweringControl, started: Started
 ) -> None:
-    assert desk.look() is True
-    assert (desk.live_folder, desk.status()["run"], desk.status()["running"]) == (running, "the-run", True)
-    answer = asked(desk, do="plan", matrix="m.toml")
+    assert control.look() is True
+    assert (control.live_folder, control.status()["run"], control.status()["running"]) == (running, "the-run", True)
+    answer = asked(control, do="plan", matrix="m.toml")
     assert (answer["refused"], "the-run" in answer["text"]) == ("already-running", True)
-    replace_json(running / "state.json", {"campaign": str(desk.bench.out / "the-run"), "ended": {"valid": 1}})
-    assert asked(desk, do="plan", matrix="m.toml")["refused"] == "still-analysing"
+    replace_json(running / "state.json", {"campaign": str(control.bench.out / "the-run"), "ended": {"valid": 1}})
+    assert asked(control, do="plan", matrix="m.toml")["refused"] == "still-analysing"
     assert started.arguments == []
 
 
 def test_the_specimen_of_a_start_is_not_recorded_in_a_run_from_a_terminal(
-    running: Path, desk: AnsweringDesk, started: Started
+    running: Path, control: AnsweringControl, started: Started
 ) -> None:
-    run = desk.bench.out / "the-run"
+    run = control.bench.out / "the-run"
     run.mkdir()
     with bound(running / APPLICATION_SOCKET) as inbox:
         for pid, words in ((4, None), (os.getpid(), {"do": "words", "by": "Ada", "specimen": "left damper"})):
             replace_json(run / "live.json", {"folder": str(running), "pid": pid})
-            start = StartedRun.start(desk.bench.state, (), by="Ada", title="t", utc="u", words={})
-            desk.started = replace(start, words={"specimen": "left damper"}, pid=os.getpid())
-            assert asked(desk, do="plan", matrix="m.toml")["refused"] == "already-running"
+            start = StartedRun.start(control.bench.state, (), by="Ada", title="t", utc="u", words={})
+            control.started = replace(start, words={"specimen": "left damper"}, pid=os.getpid())
+            assert asked(control, do="plan", matrix="m.toml")["refused"] == "already-running"
             assert received(inbox) == words
 
 
 def test_a_run_on_other_devices_is_none_of_this_bench(running: Path, bench: Bench, tmp_path: Path) -> None:
     other = replace(bench, devices=frozenset({"port:9"}))
-    assert Desk(other, place=tmp_path / "live").look() is False
+    assert BenchControl(other, place=tmp_path / "live").look() is False
     assert not replace(bench, simulate=True).owns(json.loads((running / DEVICES).read_text()))
     assert replace(bench, simulate=True).owns({"out": str(bench.out), "devices": []})
     assert not bench.owns({"out": str(bench.out), "devices": "port:1"})
@@ -382,48 +385,48 @@ def test_matrices_are_listed_by_name_and_hostile_ones_are_named_or_left_out(tmp_
 
 
 def test_the_history_states_how_runs_ended_and_gives_out_reports_of_their_own_folder_alone(
-    desk: AnsweringDesk, tmp_path: Path
+    control: AnsweringControl, tmp_path: Path
 ) -> None:
-    name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
-    run_in(desk, "20260103T030405Z-MR-1-bbbbbb")
-    cut, odd = desk.bench.out / "20260104T030405Z-MR-1-cccccc", desk.bench.out / "20260105T030405Z-MR-1-dddddd"
+    name = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
+    run_in(control, "20260103T030405Z-MR-1-bbbbbb")
+    cut, odd = control.bench.out / "20260104T030405Z-MR-1-cccccc", control.bench.out / "20260105T030405Z-MR-1-dddddd"
     for folder, line in ((cut, '{"event": "connected"}'), (odd, '{"event": "refused", "slug": "unreachable"}')):
         (folder / "points").mkdir(parents=True)
         (folder / "journal.jsonl").write_text(line + "\n")
-    (desk.bench.out / "20260106T030405Z-link").symlink_to(desk.bench.out / name)
-    (desk.bench.out / name / "report.html").write_text("<h1>report</h1>")
+    (control.bench.out / "20260106T030405Z-link").symlink_to(control.bench.out / name)
+    (control.bench.out / name / "report.html").write_text("<h1>report</h1>")
     (tmp_path / "secret").write_text("secret")
-    (desk.bench.out / "20260103T030405Z-MR-1-bbbbbb" / "report.html").symlink_to(tmp_path / "secret")
+    (control.bench.out / "20260103T030405Z-MR-1-bbbbbb" / "report.html").symlink_to(tmp_path / "secret")
     keys = ("ended", "slug", "valid", "total", "resumable", "report")
-    assert [tuple(run[key] for key in keys) for run in desk.history.look()] == [
+    assert [tuple(run[key] for key in keys) for run in control.history.look()] == [
         ("refused", "unreachable", 0, 0, False, False), ("interrupted", "", 0, 0, False, False),
         ("stopped", "operator", 1, 2, True, False), ("stopped", "operator", 1, 2, True, True),
     ]  # fmt: skip
-    assert desk.history.report(name) == b"<h1>report</h1>"
+    assert control.history.report(name) == b"<h1>report</h1>"
     link = "20260106T030405Z-link"
     hostile = ("20260103T030405Z-MR-1-bbbbbb", "..", "../secret", f"{name}/../{name}", link, "", None)
-    assert [desk.history.report(one) for one in hostile] == [None] * len(hostile)
+    assert [control.history.report(one) for one in hostile] == [None] * len(hostile)
     assert History(tmp_path / "nowhere", simulated=False).look() == []
 
 
 def test_a_resumed_run_that_moves_has_neither_the_old_stop_nor_the_old_report(
-    desk: AnsweringDesk, running: Path
+    control: AnsweringControl, running: Path
 ) -> None:
-    run = desk.bench.out / run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+    run = control.bench.out / run_in(control, "20260102T030405Z-MR-1-aaaaaa")
     (run / "report.html").write_text("old")
     with (run / "journal.jsonl").open("a") as journal:
         journal.write('{"event": "resumed"}\n')
     keys = ("ended", "text", "report", "resumable", "resumed")
-    assert [desk.history.look()[0][key] for key in keys] == ["stopped", "Stop.", True, True, 1]
+    assert [control.history.look()[0][key] for key in keys] == ["stopped", "Stop.", True, True, 1]
     (run / "live.json").write_text(json.dumps({"folder": str(running)}))
-    assert [desk.history.look()[0][key] for key in keys] == ["running", "", False, False, 1]
+    assert [control.history.look()[0][key] for key in keys] == ["running", "", False, False, 1]
 
 
-def test_values_of_a_hostile_description_are_text_or_nothing(desk: AnsweringDesk) -> None:
-    name = run_in(desk, "20260102T030405Z-MR-1-aaaaaa")
+def test_values_of_a_hostile_description_are_text_or_nothing(control: AnsweringControl) -> None:
+    name = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
     odd = {"points": 3, "specimen": ["x"] * 100, "started_utc": {"a": 1}, "simulated": "yes", "bench": "\x1b[31m"}
-    (desk.bench.out / name / "campaign.json").write_text(json.dumps(odd))
-    (desk.bench.out / name / "live.json").write_text(json.dumps({"folder": "\0"}))
-    run = desk.history.look()[0]
+    (control.bench.out / name / "campaign.json").write_text(json.dumps(odd))
+    (control.bench.out / name / "live.json").write_text(json.dumps({"folder": "\0"}))
+    run = control.history.look()[0]
     assert (run["total"], run["bench"], run["ended"]) == (2, "[31m", "stopped")
     assert sys.getsizeof(json.dumps(run)) < 4000
