@@ -186,10 +186,11 @@ def _root_at_end(t: FloatArray, x: FloatArray) -> float | None:
     if t.size < 2:
         return None
     middle = t.size // 2
+    slopes = list(np.diff(x) / np.diff(t))
     if middle >= FEWEST_OF_A_SIDE:
         slopes = [float(np.polyfit(t[part] - t[0], x[part], 1)[0]) for part in (slice(middle), slice(middle, None))]
-        if min(slopes) < EVEN_SLOPE * max(slopes):
-            return None
+    if min(slopes) < EVEN_SLOPE * max(slopes):
+        return None
     root_s = _root(t, x)
     near_s = max(CUT_SAMPLES * float(t[1] - t[0]), CUT_SHARE * float(t[-1] - t[0]))
     return root_s if root_s >= t[0] - near_s else None

@@ -60,7 +60,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     "bus-load": (Edit(CURRENT, "if share <= FULL_BUS:", "if True:"),),
     # What the sensors say
     "sensor-silent": (
-        Edit(SENSOR, "            self._supervisor.report([finding])\n", "            pass\n"),
+        Edit(SENSOR, "            self._supervisor.report([replace(finding, detail=detail)])\n", "            pass\n"),
         deaf_station("loadcell-pulled", "lvdt-pulled"),
     ),
     "sensor-stuck": (Edit(SENSOR, "if self._is_stuck():", "if False:"),),
