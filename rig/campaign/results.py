@@ -232,7 +232,7 @@ class StopReport:
         others = {
             "none": "actuator holds its position (no hydraulics to switch off)",
             "unknown": "HYDRAULICS NOT CONFIRMED OFF: in this state, for example after a trip, the controller does not "
-            "report whether it has pressure; inspect and reset the controller, or define [pressure] in its register "
+            "report whether pressure is on; inspect and reset the controller, or define [pressure] in its register "
             "map",
         }
         return others.get(self.pressure, "HYDRAULICS STILL ON")

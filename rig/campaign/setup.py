@@ -372,7 +372,7 @@ def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
         raise Refused(
             "calibration-overdue",
             "; ".join(warnings) + "; no motion was started. Fix: have the sensor calibrated and enter the new "
-                "certificate and due date in the bench file, which sets require_valid_calibration = true",
+                "certificate and due date in the bench file (the file sets require_valid_calibration = true)",
         )
     return warnings
 

@@ -147,8 +147,8 @@ class _Check:
             self._unproved("the rig is under pressure")
             return
         if not move and self._config.actuator.watchdog_tested != "off":
-            self._unproved("it works only under pressure (or power). Fix: rig check --prove, which switches the "
-                "pressure on")
+            self._unproved("it works only under pressure (or power). Fix: run rig check --prove, which switches "
+                "the pressure on")
             return
         report = self.reports.of[ACTUATOR]
         try:

@@ -77,7 +77,7 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     if Path(text).exists():
         if CampaignFolder(Path(text)).points.is_dir():
             return [], loops
-        return [f"holdout = \"{text}\": exists, but is not a run (a campaign folder)"], loops
+        return [f"holdout = \"{text}\": the path exists but is not a run (a campaign folder)"], loops
     try:
         selection = Selection.parse(text)
     except FileProblem as error:

@@ -155,8 +155,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--positive", type=click.Choice(get_args(Positive)), default="rebound", show_default=True,
-    help="Direction in which displacement and force are positive in the files, after --scale was applied. With "
-        "compression, the signs of both are inverted.",
+    help="Direction in which displacement and force are positive in the files, after --scale has been applied. "
+        "With compression, the signs of both are inverted.",
 )
 @click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
               help="TOML file with a [display] table (units, signs) and a [report] table (customer, ...) for all "

@@ -222,7 +222,7 @@ def _why(item: PlannedPoint, plan: Plan) -> str:
     """A point's reasons, and what would fit."""
     fits = item.fits_text(plan.display)
     if not fits and item is not plan.warm_up:
-        fits = "no speed fits at this stroke" if item.point.by_speed else "no amplitude fits"
+        fits = "no speed is allowed at this stroke" if item.point.by_speed else "no amplitude fits"
     return "; ".join((*item.reasons, *([fits] if fits else [])))
 
 

@@ -145,7 +145,7 @@ def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> 
         FileProblem: a band needs a second run, or a parameter's unit is not that of the fit.
     """
     problems = [] if len(runs) > 1 or not bands.changes else [
-        "most_change is the change relative to another run. Fix: specify two runs (before, after)"
+        "most_change limits the change relative to another run. Fix: specify two runs (before, after)"
     ]
     problems += list(dict.fromkeys(_wrong_units(bands, runs)))
     if problems:

@@ -206,7 +206,7 @@ def test_a_program_runs_and_a_stop_ends_it_at_rest(taken: Driven) -> None:
     centre_m = taken.poll().position_m
     for stop in (Command.FADE_STOP, Command.HALT):
         taken.do(Command.START, replace(PROGRAM, centre_m=centre_m))
-        taken.until(lambda status: status.state == State.RUNNING, "motion of the program")
+        taken.until(lambda status: status.state == State.RUNNING, "the programmed motion")
         seen = [taken.poll() for _ in range(100)]
         travel_m = max(status.position_m for status in seen) - min(status.position_m for status in seen)
         assert travel_m == pytest.approx(2.0 * PROGRAM.amplitude_m, rel=0.25)

@@ -58,9 +58,9 @@ class ModifiedBoucWenModel(HystereticModel):
         linear_parameter(
             "c0b", "N s/(m A)", 1e2, "viscous damping at high speeds per ampere", at_zero="c0a", softens=True
         ),
-        linear_parameter("c1a", "N s/m", 2e4, "dashpot for the roll-off at low speeds and zero current", softens=True),
+        linear_parameter("c1a", "N s/m", 2e4, "damping of the roll-off at low speeds and zero current", softens=True),
         linear_parameter(
-            "c1b", "N s/(m A)", 1e2, "dashpot for the roll-off at low speeds, per ampere", at_zero="c1a", softens=True
+            "c1b", "N s/(m A)", 1e2, "damping of the roll-off at low speeds, per ampere", at_zero="c1a", softens=True
         ),
         linear_parameter("k0", "N/m", 0.0, "stiffness at high speeds"),
         linear_parameter("k1", "N/m", 0.0, "accumulator stiffness"),

@@ -91,8 +91,8 @@ class ViscoelasticPlasticModel(HystereticModel):
         "k1": 1.5e5, "c1": 1500.0, "k2": 3e5, "c0": 700.0, "fc": 60.0, "fc_b": 238.0, "c0_b": 110.0, "f0": -270.0,
     }  # fmt: skip
     parameters = (
-        shape_parameter("k1", "N/m", 1e4, 0.0, 1e8, "spring of the viscoelastic element"),
-        shape_parameter("c1", "N s/m", 2e3, 1.0, 1e7, "dashpot of the viscoelastic element", softens=True),
+        shape_parameter("k1", "N/m", 1e4, 0.0, 1e8, "stiffness of the viscoelastic element"),
+        shape_parameter("c1", "N s/m", 2e3, 1.0, 1e7, "damping of the viscoelastic element", softens=True),
         shape_parameter("k2", "N/m", 1e6, 1e2, 1e9, "series spring"),
         shape_parameter(
             "c0", "N s/m", 500.0, 1.0, 1e6, "viscous damping after yield at zero current", term="viscous",

@@ -52,13 +52,13 @@ def picture_of(content: bytes) -> Picture:
         ValueError: the content is neither a PNG nor a self-contained SVG, or it is too large.
     """
     if len(content) > MOST_BYTES:
-        raise ValueError(f"the picture has {len(content)} bytes; allowed: at most {MOST_BYTES}. Fix: reduce the size "
-            "of the picture")
+        raise ValueError(f"the image is {len(content)} bytes in size; allowed: at most {MOST_BYTES}. Fix: reduce "
+            "the size of the image")
     if content.startswith(PNG):
         return Picture(content, "png", _checked_png(content))
     if b"<svg" in content[:4096].lower() or b"<?xml" in content[:64]:
         return Picture(content, "svg+xml", _checked_svg(content))
-    raise ValueError("the file is neither a PNG nor an SVG picture. Fix: save the logo as PNG or SVG")
+    raise ValueError("the file is neither a PNG nor an SVG image. Fix: save the logo as PNG or SVG")
 
 
 def _checked_png(content: bytes) -> float:

@@ -97,7 +97,7 @@ ROWS = (
         slug="stop-ignored", fault="Stop ignored",
         where="wire", place="controller", detected_by="LVDT velocity after the ramp",
         limit_s=0.1, occasion="ramp+", reaction="S1→trip", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
-        code=42, detector="the program continues past its end, or there is no standstill within the stop's deadline",
+        code=42, detector="the program continues past its end, or the rod does not stop within the stop's deadline",
     ),
     FaultRow(
         slug="setpoints-late", fault="Streamed set-points late",

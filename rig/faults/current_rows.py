@@ -15,7 +15,7 @@ ROWS = (
         slug="ecu-silent", fault="Status missing",
         where="wire", place="ecu", detected_by="timeout",
         limit_s=0.03, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=20, detector="no ECU status within stale_after, or no temperature for five of its periods",
+        code=20, detector="no ECU status within stale_after, or no temperature for five temperature periods",
     ),
     FaultRow(
         slug="ecu-late", fault="Status late or duplicated",

@@ -22,7 +22,8 @@ ROWS = (
         slug="serial-garbage", fault="Damaged, lost or shifted bytes",
         where="wire", place="sensor", detected_by="resynchronisation by checksum, error rate",
         limit_s=0.1, reaction="P→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=19, detector="a tenth of the sensor's last frames were damaged; a single damaged frame causes a warning",
+        code=19, detector="a tenth of the sensor's most recent frames were damaged; a single damaged frame "
+            "causes a warning",
     ),
     FaultRow(
         slug="serial-baud", fault="Wrong baud rate",

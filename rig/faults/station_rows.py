@@ -15,8 +15,8 @@ ROWS = (
     ),
     FaultRow(
         slug="speed-limit", end=StopKind.FADE_OUT, code=3,
-        detector="the LVDT's speed over a time window is beyond the limit three times in a row, or the controller "
-            "reports this fault",
+        detector="the speed measured by the LVDT over a time window exceeds the limit three times in a row, or the "
+            "controller reports this fault",
     ),
     FaultRow(
         slug="overcurrent", end=StopKind.FADE_OUT, code=4, detector="the measured coil current is beyond the limit",

@@ -131,7 +131,7 @@ class LineFormatFile(_Format):
         None, description="position of the sign (default leading); separate: in the group or column `sign`"
     )
     negative_tokens: tuple[str, ...] | None = Field(
-        None, description='strings in a separate sign field that mean a negative number (default ["-"])'
+        None, description='strings in a separate sign field that indicate a negative number (default ["-"])'
     )
     decimals: int | None = Field(None, ge=0, le=9, description="number of implied decimal places if the number has no "
         "decimal separator; with a group or column `decimals`, the line itself states this number")
@@ -188,14 +188,13 @@ class FieldEntry(DescriptionTable):
     valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
         None, description="[lowest, highest] valid number; a number outside this range is an overload"
     )
-    overload_values: tuple[int, ...] | None = Field(None, description="numbers that mean that the input is out of "
-        "range")
+    overload_values: tuple[int, ...] | None = Field(None, description="numbers that indicate an input out of range")
     fault_values: tuple[int, ...] | None = Field(
-        None, description="numbers that mean that the sensor is broken or not connected"
+        None, description="numbers that indicate a broken or disconnected sensor"
     )
-    overload_bits: Mask | None = Field(None, description="mask of the status bits that mean that the input is out "
+    overload_bits: Mask | None = Field(None, description="mask of the status bits that indicate an input out "
         "of range")
-    fault_bits: Mask | None = Field(None, description="mask of the status bits that mean that the sensor is broken")
+    fault_bits: Mask | None = Field(None, description="mask of the status bits that indicate a broken sensor")
 
 
 class Fields(DescriptionTable):
@@ -256,8 +255,8 @@ class StatusRegister(DescriptionTable):
     """A register whose bits state the condition of the sensor."""
 
     address: Register = Field(examples=[1])
-    overload_bits: Mask | None = Field(None, description="mask of the bits that mean that the input is out of range")
-    fault_bits: Mask | None = Field(None, description="mask of the bits that mean that the sensor is broken")
+    overload_bits: Mask | None = Field(None, description="mask of the bits that indicate an input out of range")
+    fault_bits: Mask | None = Field(None, description="mask of the bits that indicate a broken sensor")
 
 
 class DecimalsRegister(DescriptionTable):
@@ -278,12 +277,12 @@ class ModbusFormatFile(_AnyFormat):
     )
     address: Register | None = Field(None, description="address of the first register of the reading")
     first_address: Register | None = Field(
-        None, description="number in the manual of the register with address 0, such as 1 or 40001 (default 0)"
+        None, description="number that the manual gives to the register with address 0, such as 1 or 40001 (default 0)"
     )
     type: Literal[TYPES] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="u (unsigned), i (signed) or f (float), followed by the number of bits (default u16)"
     )
-    word_order: Order | None = Field(None, description="big: the first register has the high word (default big)")
+    word_order: Order | None = Field(None, description="big: the first register holds the high word (default big)")
     byte_order: Order | None = Field(None, description="order of the bytes in a register (default big)")
     scale: float | None = Field(None, description="scale in value = number * scale + offset (default 1)")
     offset: float | None = Field(None, description="see scale (default 0)")
@@ -291,18 +290,18 @@ class ModbusFormatFile(_AnyFormat):
         None, description="[lowest, highest] valid number; a number outside this range is an overload"
     )
     overload_values: tuple[int, ...] | None = Field(
-        None, description="numbers that mean that the input is out of range"
+        None, description="numbers that indicate an input out of range"
     )
     fault_values: tuple[int, ...] | None = Field(
-        None, description="numbers that mean that the sensor is broken or not connected"
+        None, description="numbers that indicate a broken or disconnected sensor"
     )
     status: StatusRegister | None = Field(None, description="register with status bits, read with the reading")
     decimals: DecimalsRegister | None = Field(
         None, description="register with the number of decimal places of the reading, read with the reading"
     )
     largest_gap: int | None = Field(
-        None, ge=0, le=120, description="largest number of registers between this reading and that of another sensor "
-            "of the same device that may be read with both in one request (default 0: only adjacent registers)"
+        None, ge=0, le=120, description="largest number of unused registers that one request may span between this "
+            "reading and that of another sensor of the same device (default 0: only adjacent registers)"
     )
 
 
@@ -311,13 +310,13 @@ class CanStatus(DescriptionTable):
 
     signal: str = Field(examples=["State"], description="name of the signal in the message")
     overload_values: Numbers | None = Field(
-        None, description="raw numbers or value names that mean that the input is out of range"
+        None, description="raw numbers or value names that indicate an input out of range"
     )
     fault_values: Numbers | None = Field(
-        None, description="raw numbers or value names that mean that the sensor is broken or not connected"
+        None, description="raw numbers or value names that indicate a broken or disconnected sensor"
     )
-    overload_bits: Mask | None = Field(None, description="mask of the bits that mean that the input is out of range")
-    fault_bits: Mask | None = Field(None, description="mask of the bits that mean that the sensor is broken")
+    overload_bits: Mask | None = Field(None, description="mask of the bits that indicate an input out of range")
+    fault_bits: Mask | None = Field(None, description="mask of the bits that indicate a broken sensor")
 
 
 class NetworkText(DescriptionTable):
@@ -372,10 +371,10 @@ class CanFormatFile(_AnyFormat, _Checksum):
         None, description="[lowest, highest] valid raw number; a number outside this range is an overload"
     )
     overload_values: Numbers | None = Field(
-        None, description="raw numbers or value names that mean that the input is out of range"
+        None, description="raw numbers or value names that indicate an input out of range"
     )
     fault_values: Numbers | None = Field(
-        None, description="raw numbers or value names that mean that the sensor is broken or not connected"
+        None, description="raw numbers or value names that indicate a broken or disconnected sensor"
     )
 
 

@@ -116,7 +116,7 @@ class Answers(DescriptionTable):
         "`value`, such as (?P<value>[-+0-9.]+)")
     voltage: ValueRegex | None = Field(None, description="regular expression that captures the voltage in the "
         "group `value`")
-    on: Sent | None = Field(None, description="answers to `read_output` that mean that the output is on")
+    on: Sent | None = Field(None, description="answers to `read_output` if the output is on")
 
 
 Faults = table_of_words("Faults", "Bits in the answer to `read_faults`.", FAULTS, Bit)

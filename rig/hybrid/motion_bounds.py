@@ -136,7 +136,7 @@ class Watch:
         return _beyond((
             ("set-point", "mm", 1e3, sent.position_m, bounds.extension_m),
             ("speed of the set-point", "m/s", 1.0, sent.velocity_m_s, bounds.speed_m_s),
-            ("position after a halt from the set-point", "mm", 1e3, halted_m(*sent, bounds.halt_deceleration_m_s2),
+            ("rod position after a halt at this set-point", "mm", 1e3, halted_m(*sent, bounds.halt_deceleration_m_s2),
              bounds.travel_m),
         ))  # fmt: skip
 

@@ -219,12 +219,13 @@ WARNINGS = {
     ),
     "described-first": (
         "{model} is ranked first because it fits all tests within measurement noise; {other} predicts held-out tests "
-        "better ({other_error:.3g} % of force amplitude, {model} {error:.3g} %), but its error on the fitted tests is "
-        "{times:.3g} times as large. Fix: measure more motions"
+        "better ({other_error:.3g} % of force amplitude, compared with {error:.3g} % for {model}), but its error on "
+        "the fitted tests is {times:.3g} times as large. Fix: measure more motions"
     ),
     "ranked-by-those-beyond": (
         "{model} is ranked first by the validation tests outside the fitted range ({tests}: {quantities}), but {other} "
-        "is first by those inside the range: {other_error:.3g} % of force amplitude, {model} {error:.3g} %"
+        "is first by those inside the range: {other_error:.3g} % of force amplitude, compared with "
+        "{error:.3g} % for {model}"
     ),
     "relative-weights": (
         "the residual of the best model is {ratio:.1f} times the measurement noise, which indicates model error; all "

@@ -62,8 +62,8 @@ def identify(
     if _ready(tests):
         if reading:
             raise FileProblem("identify", [
-                f"got {', '.join(reading)}: options of files and tables, but the tests are already loaded. Fix: pass "
-                "them to rig.load"
+                f"got {', '.join(reading)}, which applies only when files and tables are loaded, but the tests are "
+                "already loaded. Fix: pass this to rig.load"
             ])  # fmt: skip
         return _fitted(tests, options)
     from rig.recording.loading import runs_of  # loads h5py, which prepared tests do not need

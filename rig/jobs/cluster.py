@@ -142,8 +142,8 @@ def _check_certificates(address: str) -> None:
         usable, problem = False, f"the certificates cannot be read ({error})"
     if not usable:
         raise RigError(
-            f"Dask scheduler {address}: {problem}, expected the files of this computer in Dask's settings. Fix: set "
-            "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and "
+            f"Dask scheduler {address}: {problem}; Dask's settings must name certificate files on this computer. Fix: "
+            "set DASK_DISTRIBUTED__COMM__TLS__CA_FILE, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and "
             "DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY"
         )
 

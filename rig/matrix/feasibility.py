@@ -164,7 +164,7 @@ def _of_waveform(point: TestPoint, bench: Bench) -> Iterator[Reason]:
     if point.waveform == "triangle" and not bench.actuator.makes_triangles:
         yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
     if point.waveform == "sine" and not bench.actuator.makes_sines:
-        text = "sine: the controller moves between two points at constant speed, which is a triangle"
+        text = "sine: the controller moves between two points at constant speed, which produces a triangle"
         yield Reason("waveform", f'{text}. Fix: waveform = "triangle"')
 
 

@@ -48,7 +48,7 @@ class ReportTable(Section):
         default=None, description="person who approves the report; the report contains a signature line for this person"
     )
     logo: FileName | None = Field(
-        default=None, description="PNG or SVG picture of at most 1 MB, relative to the folder of this file",
+        default=None, description="PNG or SVG image of at most 1 MB, relative to the folder of this file",
         examples=["logo.png"],
     )
 

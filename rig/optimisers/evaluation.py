@@ -116,5 +116,5 @@ class Evaluation:
         self.shipped += 1
         reported = self.executor.submit(evaluate_chunk, self._token, part, self._payload).result()
         if reported is None:
-            raise RuntimeError(f"a worker received the objective {self._token} but still does not have it")
+            raise RuntimeError(f"a worker does not have the objective {self._token}, although it was sent")
         return reported

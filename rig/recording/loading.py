@@ -93,8 +93,8 @@ def runs_of(source: Source, options: LoadOptions) -> list[Run]:
     stated = _stated(options)
     if stated and not files and not tables:
         raise FileProblem("load", [
-            f"got {', '.join(stated)}: options of files and tables from other programs, but the source contains "
-            "recorded tests only. Fix: omit them"
+            f"got {', '.join(stated)}, which applies only to files and tables from other programs, but the source "
+            "contains only recorded tests. Fix: omit this"
         ])  # fmt: skip
     current_A = _currents(options, len(files) + len(tables))
     foreign: list[RecordedPoint] = []
@@ -239,7 +239,7 @@ def _at(path: Path) -> Iterable[Run | Path]:
     files = [one for one in files if not (one.name == LIST_OF_POINTS and _listed(one))]
     if not files:
         raise FileProblem(text, [
-            f"contains neither a campaign (points/*.h5) nor files of tests ({', '.join(sorted(ENDINGS))})"
+            f"contains neither a campaign (points/*.h5) nor test files ({', '.join(sorted(ENDINGS))})"
         ])  # fmt: skip
     for one in files:
         yield _own_point(one) or one

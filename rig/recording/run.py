@@ -159,7 +159,7 @@ class Run:
             if len(named) == 1:
                 return named[0]
             if named:
-                raise NoSuchEntry(f"run: {len(named)} points have the id {place!r}. Fix: use an index, for example "
+                raise NoSuchEntry(f"run: {len(named)} points have the ID {place!r}. Fix: use an index, for example "
                     "run[0]")
             known = [point.id for point in self.points]
             shown = known if near_names(place, known) else known[:MOST_IDS]
@@ -171,7 +171,7 @@ class Run:
             raise NoSuchEntry(f"run: got the index {place}, expected {-count} to {count - 1}") from None
         except TypeError:
             raise NoSuchEntry(
-                f"run: got {place!r:.60}, expected a point id, an index, or a slice such as run[:3]"
+                f"run: got {place!r:.60}, expected a point ID, an index, or a slice such as run[:3]"
             ) from None
 
     def __repr__(self) -> str:

@@ -76,7 +76,7 @@ def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int)
 
 PRESSURE_SEEN = {
     "on": "the controller reports pressure (or power)", "low": "the controller reports low pressure",
-    "unknown": "the controller does not report whether it has pressure (or power) in state {state}: reset the "
+    "unknown": "the controller does not report whether pressure (or power) is on in state {state}: reset the "
     "controller, or define in [pressure] of its register map how it reports the pressure",
 }
 

@@ -271,7 +271,7 @@ def test_a_run_is_a_sequence_of_points(run: rig.Run, tmp_path: Path) -> None:
     assert np.isnan(one.time_s.to_numpy()[run[3].samples :]).all()
     assert float(one.current_A) == 2.0
     assert np.array_equal(run[3].to_xarray().force_N, run[3].force_N)
-    for place, says in (("f2_i3", "did you mean f2_i"), (7, "expected -4 to 3"), (1.5, "expected a point id")):
+    for place, says in (("f2_i3", "did you mean f2_i"), (7, "expected -4 to 3"), (1.5, "expected a point ID")):
         with pytest.raises(NoSuchEntry, match=says):
             run[place]  # type: ignore[index]  # as people do
 

@@ -203,7 +203,7 @@ class PointRecording:
             while not waiting.done() and not enough():
                 wait((waiting,), ASK_AGAIN_S)
             if not waiting.done():
-                log.note("warning", text=say("own-skews", why="the operator did not wait"))
+                log.note("warning", text=say("own-skews", why="the operator requested a stop before the comparison"))
                 return
             corrected = waiting.result()
         except OSError as error:

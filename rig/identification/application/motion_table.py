@@ -269,7 +269,7 @@ def _interval_s(time_s: FloatArray | None, problems: list[str]) -> float:
         return 0.0
     steps = np.diff(time_s)
     if steps.size == 0 or not np.all(steps > 0.0):
-        problems.append("`time_s`: expected at least two rows, strictly increasing")
+        problems.append("`time_s`: expected at least two rows with strictly increasing values")
         return 0.0
     dt_s = float(np.mean(steps))
     worst = int(np.argmax(np.abs(steps - dt_s)))

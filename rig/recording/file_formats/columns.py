@@ -153,8 +153,8 @@ def _chosen(
     scaling = scaling_of(quantity, scales[quantity]) if quantity in scales else None
     if scaling is None and column.unapplied:
         raise ValueError(
-            f"the column contains integers, and the file format does not apply its property {column.unapplied}. Fix: "
-            f"use --scale {quantity}=FACTOR with this factor (1 if the numbers are already in their unit)"
+            f"the column contains integers, and its property {column.unapplied} (possibly a factor) is not applied. "
+            f"Fix: use --scale {quantity}=FACTOR with this factor (1 if the numbers are already in their unit)"
         )
     if quantity == "time" and not given and stamps(place):
         if scaling is not None:

@@ -50,7 +50,7 @@ BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
       for number in range(5010, 5015)),
 )
 WITHIN: tuple[tuple[int, bytes, str, str], ...] = (
-    (8, b"WAVE", "an audio file (WAV)", "scipy.io.wavfile.read(FILE), scale to units, and save the data as CSV"),
+    (8, b"WAVE", "an audio file (WAV)", "read the file with SciPy, scale it to physical units, and save it as CSV"),
     (257, b"ustar", "a tar archive", "unpack the file first"),
     (11, b"WAVEDESC", "a LeCroy oscilloscope file (.trc)", CSV), (0, b"WAVEDESC", "a LeCroy oscilloscope file", CSV),
 )

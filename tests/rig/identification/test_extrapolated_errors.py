@@ -164,5 +164,5 @@ def test_held_out_tests_beyond_the_data_decide_as_requested_and_it_is_reported(m
     assert (only.slug, only.numbers["quantities"]) == ("ranked-beyond", "velocity, current")
     (other,) = doubts_of([score("kwok", 20.0, 8.0), score("bingham", 30.0, 4.0)], held_out)
     assert other.slug == "ranked-by-those-beyond"
-    assert "but bingham is first by those inside the range: 4 % of force amplitude, kwok 8 %" in other
+    assert "but bingham is first by those inside the range: 4 % of force amplitude, compared with 8 % for kwok" in other
     assert doubts_of([score("kwok", 20.0, 4.0), score("bingham", 30.0, 8.0)], held_out) == []
