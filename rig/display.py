@@ -155,6 +155,17 @@ class Display:
         unit = f"{force.unit} {time}/{length}" if slash else f"{force.unit}/({speed.unit})"
         return Shown(unit, force.scale / speed.scale)
 
+    def described(self, text: str, amplitude_m: float) -> str:
+        """A point's `described`, which is in SI units, with its amplitude (m) in the unit of this display.
+
+        For readers of results, which have no test point: a test point has its own phrase.
+        """
+        for digits in (4, 3):
+            size = f" {SI.displacement.text(amplitude_m, digits)} "
+            if size in text:
+                return text.replace(size, f" {self.displacement.text(amplitude_m, digits)} ", 1)
+        return text
+
     @property
     def usual(self) -> bool:
         """Whether `[display]` changes no number."""

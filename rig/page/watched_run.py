@@ -88,7 +88,7 @@ class WatchedRun:
         if live is None and run is not None:
             plan = {
                 "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
-                "points": [] if self.ended is None else self.ended.result["points"],
+                "points": [] if self.ended is None else self._described(self.ended.result["points"]),
             }
         ecu = station.get("ecu")
         return {
@@ -99,12 +99,26 @@ class WatchedRun:
             "by_hand": isinstance(ecu, dict) and bool(ecu.get("by_hand")), "ring": station.get("ring_path", ""),
         }
 
+    def _described(self, points: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Points of a result, described in the units of `[display]`."""
+        display = self._run_display
+        return [
+            {**point, "described": display.described(point["described"], point["amplitude_m"])}
+            if isinstance(point.get("described"), str) and isinstance(point.get("amplitude_m"), float)
+            else point
+            for point in points
+        ]
+
+    @property
+    def _run_display(self) -> Display:
+        try:
+            return Display() if self.run is None else run_display(self.run)
+        except FileProblem:
+            return Display()
+
     def _display(self) -> dict[str, dict[str, Any]]:
         """Units and signs of `[display]`, by quantity."""
-        try:
-            display = Display() if self.run is None else run_display(self.run)
-        except FileProblem:
-            display = Display()
+        display = self._run_display
         signed = {"force": display.force, "displacement": display.displacement, "speed": display.speed}
         quantities = {**signed, "temperature": display.temperature}
         return {

@@ -43,7 +43,7 @@ class Details:
         table: `[report]`, as far as it is valid.
         logo: the logo; None without one.
         specimen: `[specimen]`, by the key without its unit.
-        operator: who made the test; empty where that is not known.
+        operator: who made the test: who had control on the page, else who the matrix file names; empty if unknown.
         entered: what the operator typed as specimen on the page.
         notes: of the operator's page, each with its time and author.
         problems: what of `[report]` could not be used.
@@ -65,7 +65,7 @@ class Details:
         table, logo, problems = (
             _own_table(run, tables.get("report")) if given is None else (given, given.picture, [])
         )
-        operator = table.operator or run.campaign.get("operator") or typed.get("operator")
+        operator = typed.get("operator") or table.operator or run.campaign.get("operator")
         notes = [
             f"{local_time(note.get('utc', ''))} {note.get('by', '')}: {note.get('text', '')}"
             for note in _list_of_mappings(typed.get("notes"))

@@ -146,6 +146,13 @@ def test_units_and_signs_of_the_page_are_those_of_display(tmp_path: Path) -> Non
     assert 445.0 / display["force"]["scale"] == pytest.approx(100.04, abs=0.01)
 
 
+def test_the_points_of_an_ended_run_are_described_in_the_units_of_display(tmp_path: Path) -> None:
+    (tmp_path / "matrix.toml").write_text('[display]\ndisplacement = "in"\n')
+    point = {"id": "p001", "verdict": "valid", "described": "sine 25.4 mm 2 Hz 0.5 A", "amplitude_m": 0.0254}
+    journal(tmp_path, {**RESULT, "points": [point]})
+    assert WatchedRun(tmp_path).description()["points"][0]["described"] == "sine 1 in 2 Hz 0.5 A"
+
+
 def test_a_damaged_file_and_an_unknown_point_show_nothing(tmp_path: Path) -> None:
     ended = journal(tmp_path, RESULT)
     path = tmp_path / "points" / "p001.h5"

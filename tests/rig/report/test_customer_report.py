@@ -105,7 +105,7 @@ def test_details_come_from_the_matrix_and_the_page_and_a_logo_only_from_the_runs
         {"utc": "2026-01-01T10:00:00.123Z", "by": "B", "text": "squeaks"}, "no note",
     ]}))  # fmt: skip
     details = Details.of(run)
-    assert (details.operator, details.table.customer) == ("J. Smith", "ACME <b>")
+    assert (details.operator, details.table.customer) == ("other", "ACME <b>")
     assert details.logo is not None
     assert details.notes == (f"{local_time('2026-01-01T10:00:00Z')} B: squeaks",)
     stranger = run_with(tmp_path / "b", str(run.path / "records" / "other.png"))
