@@ -34,14 +34,14 @@ class Box:
         self.supply: asyncio.StreamWriter | None = None
         self.changed = asyncio.Event()
 
-    async def listen(self, port: int, register: int, per_V: float, sent: asyncio.Event | None = None) -> None:
+    async def listen(self, port: int, register: int, per_V: float, sent: asyncio.Queue[float] | None = None) -> None:
         """Follow one conditioner's lines."""
         reader, _ = await asyncio.open_connection("127.0.0.1", port)
         while line := await reader.readline():
             if (found := NUMBER.search(line)) is not None:
                 self.floats[register] = float(found[0]) / per_V
                 if sent is not None:
-                    sent.set()
+                    sent.put_nowait(self.floats[register])
 
     async def drive(self, port: int) -> None:
         """Set the supply to the output's voltage, and measure what it gives."""
@@ -87,16 +87,14 @@ async def modbus(box: Box) -> None:
     await asyncio.Event().wait()
 
 
-async def on_bus(box: Box, channel: str, register: int, identifier: int, sent: asyncio.Event) -> None:
-    """Send a frame for each value: a signed 32-bit number of thousandths, and a counter."""
+async def on_bus(channel: str, identifier: int, sent: asyncio.Queue[float]) -> None:
+    """Send a frame for each value, also if several arrive at once: a signed 32-bit number of thousandths, a counter."""
     with can.Bus(interface="udp_multicast", channel=channel) as bus:
         if identifier == 0x181:
             print("ready", flush=True)  # noqa: T201 - its answer to who started it
         count = 0
         while True:
-            await sent.wait()
-            sent.clear()
-            data = struct.pack("<iB", round(1000.0 * box.floats[register]), count & 0xFF)
+            data = struct.pack("<iB", round(1000.0 * await sent.get()), count & 0xFF)
             bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
             count += 1
 
@@ -105,10 +103,10 @@ async def main() -> None:
     box = Box()
     force, travel, supply, *channel = sys.argv[1:]
     if channel:
-        events = asyncio.Event(), asyncio.Event()
+        values: tuple[asyncio.Queue[float], asyncio.Queue[float]] = asyncio.Queue(), asyncio.Queue()
         await asyncio.gather(
-            box.listen(int(force), AIN[0], 1.0, events[0]), box.listen(int(travel), AIN[1], 1.0, events[1]),
-            on_bus(box, channel[0], AIN[0], 0x181, events[0]), on_bus(box, channel[0], AIN[1], 0x182, events[1]),
+            box.listen(int(force), AIN[0], 1.0, values[0]), box.listen(int(travel), AIN[1], 1.0, values[1]),
+            on_bus(channel[0], 0x181, values[0]), on_bus(channel[0], 0x182, values[1]),
         )
     await asyncio.gather(
         box.listen(int(force), AIN[0], NEWTON_PER_V), box.listen(int(travel), AIN[1], MM_PER_V), box.drive(int(supply)),
