@@ -382,7 +382,7 @@ class ModbusLine:
             device_us = request.sent_ns // 1000 % DEVICE_US_MODULUS if self._clocked else -1
             for sensor in block.sensors:
                 if code is not None:
-                    sensor.refused(code)
+                    sensor.refused(code, block)
                 else:
                     first = 2 + 2 * (sensor.registers.address - block.address)
                     sensor.take(pdu[first : first + 2 * sensor.registers.count], request.number, device_us)
@@ -447,6 +447,8 @@ class ModbusSensor:
         self._stream = SampleStream(None, channel, replace(scale, rate_Hz=rate_Hz))
         self._readings: deque[Reading] = deque(maxlen=READINGS_KEPT)
         self._codes: dict[int, int] = {}
+        self._together = ""
+        """Text about the sensors whose registers the refused request covers as well."""
         self._answers = 0
         line.add(self)
 
@@ -488,7 +490,7 @@ class ModbusSensor:
         meant = EXCEPTION_HINTS.get(code, "Fix: see the manual of the device")
         return "modbus-reject", (
             f"unit {mine.unit} answered the request to read {SPACES[mine.function]} {shown} with exception {code} "
-            f"({name}): {meant}"
+            f"({name}){self._together}: {meant}"
         )
 
     def open(self) -> None:
@@ -534,8 +536,12 @@ class ModbusSensor:
         _, _, value, status, _ = self._meaning.reading(frame)
         self._readings.append((number % SEQUENCE_MODULUS, device_us, value, status, 0))
 
-    def refused(self, code: int) -> None:
-        """Record an exception; the caller holds the state lock."""
+    def refused(self, code: int, block: Block) -> None:
+        """Record an exception to the request of a block; the caller holds the state lock."""
+        others = " and ".join(one.name for one in block.sensors if one is not self)
+        self._together = "" if not others else (
+            f" (one request with {others}; the device may refuse the registers of either)"
+        )
         self._codes[code] = self._codes.pop(code, 0) + 1
         self._answers = 0
 

@@ -182,6 +182,7 @@ def test_an_exception_is_named_with_code_register_and_way_out(device: Device) ->
     assert "holding registers 40003 to 40004" in words
     assert "exception 2 (illegal address)" in words
     assert "Fix:" in words
+    assert "one request with" not in words
     device.missing = False
     until(lambda: bool(force.read_batch(0.05).records))
     assert force.refusal == ("", "")
@@ -239,6 +240,19 @@ def test_a_sensor_that_waits_for_the_output_s_answer_says_so(device: Device) -> 
     device.takes_s = 0.0
     until(lambda: bool(force.read_batch(0.05).records) and force.refusal == ("", ""))
     for one in (force, wire):
+        one.close()
+
+
+def test_an_exception_to_a_request_for_two_sensors_names_both(device: Device) -> None:
+    device.missing = True
+    line = line_at(device.url)
+    force, travel = sensor(line, "load_cell", Channel.FORCE), sensor(line, "lvdt", Channel.DISPLACEMENT, address=2)
+    for one in (force, travel):
+        one.open()
+    until(lambda: not force.read_batch(0.02).records and force.refusal[0] == "modbus-reject")
+    assert "one request with lvdt" in force.refusal[1]
+    assert "one request with load_cell" in travel.refusal[1]
+    for one in (force, travel):
         one.close()
 
 
