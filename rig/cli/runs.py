@@ -79,7 +79,7 @@ def _listed(folder: Path, run_filter: RunFilter, last: int | None) -> list[dict[
 
 @contextmanager
 def _progress() -> Iterator[Callable[[int, int], None]]:
-    """A bar for a first listing of many runs, from the time on when it has taken `BAR_AFTER_S`."""
+    """Progress bar for a first listing of many runs, shown after `BAR_AFTER_S`."""
     started_s = time.monotonic()
     with ExitStack() as shown:
         bar: JobBar | None = None

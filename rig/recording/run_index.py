@@ -106,7 +106,7 @@ def listed(
             JSON can hold.
         run_filter: which of them.
         last: how many at most, from the end; None: all.
-        report_progress: is given how many runs have been looked at, and how many there are, after each summary.
+        report_progress: called with the numbers of read runs and of all runs after each new summary.
 
     Raises:
         FileProblem: there is no such folder, or it cannot be read.
