@@ -214,6 +214,8 @@ class Plot {
 // Thousands of samples on some hundred pixel columns: draw the first, extreme and last value of each column. A command is `held` until the next one.
 function draw_by_columns(pen, times, values, px, py, held) {
   let column = NaN, x = 0, first = 0, low = 0, high = 0, last = 0, on = false;
+  // Nothing is drawn across the time in which this browser was not connected.
+  const gap_s = times.length > 1 ? Math.max(0.5, 10 * (times[times.length - 1] - times[0]) / (times.length - 1)) : Infinity;
   const put = (y) => { if (on) pen.lineTo(x, y); else pen.moveTo(x, y); on = true; };
   const flush = () => {
     put(first);
@@ -223,6 +225,7 @@ function draw_by_columns(pen, times, values, px, py, held) {
   };
   for (let i = 0; i < times.length; i++) {
     const at = px(times[i]), y = py(values[i]);
+    if (i && times[i] - times[i - 1] > gap_s) { flush(); column = NaN; on = false; }
     if (Math.floor(at) === column) { low = Math.min(low, y); high = Math.max(high, y); last = y; continue; }
     if (!isNaN(column)) { flush(); if (held) pen.lineTo(at, last); }
     column = Math.floor(at); x = at; first = low = high = last = y;

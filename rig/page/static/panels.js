@@ -22,7 +22,14 @@ function progress() {
   by_id("done").style.width = `${share}%`;
   by_id("bar").setAttribute("aria-valuenow", share.toFixed(0));
   const running = state.ended ? null : rows.get(state.point) || null;
-  if (running !== running_row) { if (running_row) running_row.classList.remove("running"); if (running) running.classList.add("running"); running_row = running; }
+  if (running !== running_row) { if (running_row) running_row.classList.remove("running"); if (running) { running.classList.add("running"); follow(running); } running_row = running; }
+}
+
+function follow(row) { // the list shows the running point, except while the list is in use
+  const list = by_id("matrix");
+  if (list.matches(":hover") || list.contains(document.activeElement)) return;
+  const top = row.getBoundingClientRect().top - list.getBoundingClientRect().top;
+  if (top < 0 || top + row.offsetHeight > list.clientHeight) list.scrollTop += top - list.clientHeight / 3;
 }
 
 function matrix() {
