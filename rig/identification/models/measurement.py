@@ -58,12 +58,14 @@ class MeanCycles:
         scatter_N: standard deviation of the recorded forces about the means (N).
         noise_N: standard deviation of the means from one mean cycle to the next (N); NaN if unknown.
         peak_force_N: largest deviation of the recorded force from its mean (N).
+        spread: whether the samples of a mean are spread over a phase interval; otherwise all have the same phase.
     """
 
     samples: float
     scatter_N: float
     noise_N: float
     peak_force_N: float
+    spread: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,7 @@ class Weighting:
             weights = np.full_like(speed, 100.0 / (max(test.peak_force_N, 1e-300) * math.sqrt(test.u_m.size)))
         else:
             weights = (speed if self.weight == "v" else np.ones_like(speed)) * math.sqrt(test.recorded_each)
-        reach_s = 0.0 if test.means is None else JUMP_REACH * test.dt_s
+        reach_s = 0.0 if test.means is None or not test.means.spread else JUMP_REACH * test.dt_s
         if self.guard_s > 0.0:
             weights[np.abs(test.u_m[rows]) < (self.guard_s + reach_s) * speed] = 0.0
         if self.reversal_guard_s > 0.0:

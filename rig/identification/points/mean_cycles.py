@@ -7,6 +7,8 @@ scatter from cycle to cycle remain visible. In a finely sampled cycle, adjacent 
 
 The mean over a phase interval differs from the value at its midpoint. With d, the distance of a sample from the
 midpoint, `F(middle) = mean F - F' mean d - F''/2 mean d^2`, the derivatives from the mean of all cycles.
+A force that changes faster within an interval (a jump or a knee, or few samples per cycle) would bias the means; if the
+residuals within the intervals show this, the test is not averaged (`_IntervalResiduals`).
 """
 
 from __future__ import annotations
@@ -44,6 +46,15 @@ OUT_OF_NOISE = 6.0
 """Power relative to the noise below which a force harmonic is not used to correct means to midpoint values."""
 REPEATS = {"u_m": 1e-4, "v_m_s": 1e-3, "a_m_s2": 3e-2}
 """Maximum deviation of a repeating motion from its mean cycle, relative to the root mean square."""
+FEWEST_SPREAD_PHASES = 64
+"""Minimum number of intervals per cycle, unless all samples are at the midpoints: fewer lose too many beside a jump."""
+MOST_DEVIATIONS = 5.0
+"""Maximum deviation of the chi-square statistic of the residuals within the intervals (standard deviations)."""
+LEAST_SPREAD = 0.1
+"""Minimum standard deviation of the distances from the midpoint (intervals) for a mean to be checked.
+
+Below it, a slow drift between the clocks would correlate with a drift of the force."""
+MEDIAN_OF_CHI2 = 0.45493642311957283  # median of the square of a standard normal variable
 FEWEST_OF_MEAN = 0.5
 """Fraction of the usual number of samples below which a mean is ignored."""
 
@@ -59,11 +70,12 @@ def mean_cycles(test: Measurement) -> Measurement:
     if not known or test.u_m.size < FEWEST_AVERAGED * places.groups * places.phases:
         return test
     motion = _motion(test, places)
-    return test if motion is None else _averaged(test, places, motion)
+    averaged = None if motion is None else _averaged(test, places, motion)
+    return test if averaged is None else averaged
 
 
-def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArray]) -> Measurement:
-    """The averaged test, with the motion of the mean cycle."""
+def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArray]) -> Measurement | None:
+    """The averaged test, with the motion of the mean cycle; None if the means do not resolve the force."""
     sums, scored = _Sums(places.groups, places.phases, 1), test.scored
     for rows, group, phase, apart in _pieces(test, places):
         some = scored[rows]
@@ -72,10 +84,19 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
     known = sums.counts >= FEWEST_OF_MEAN * float(np.median(sums.counts[sums.counts > 0.0]))
     force_N = np.where(known, means_N - curve.slope * apart_mean - 0.5 * curve.bend * square, 0.0)
     squares_N2, count = 0.0, float(np.sum(sums.counts[known]))
+    spread = math.sqrt(float(np.sum((sums.means()[1] * sums.counts)[known])) / count) > TIE_FRACTION
+    if spread and places.phases < FEWEST_SPREAD_PHASES:
+        return None
+    within = _IntervalResiduals(places)
     for rows, group, phase, apart in _pieces(test, places):
         some = scored[rows] & known[group, phase]
         expected_N = force_N[group, phase] + curve.beside(phase, apart)
-        squares_N2 += float(np.sum((test.force_N[rows] - expected_N)[some] ** 2))
+        residual_N = (test.force_N[rows] - expected_N)[some]
+        squares_N2 += float(np.sum(residual_N**2))
+        if spread:
+            within.add(group[some], phase[some], apart[some], residual_N)
+    if spread and not within.are_random(math.sqrt(squares_N2 / count)):
+        return None
     both, noise_N = known[:-1] & known[1:], math.nan
     if np.any(both):
         noise_N = repeat_scatter_N(force_N[:-1][both], force_N[1:][both], math.sqrt(2.0))
@@ -88,7 +109,7 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
         force_N=force_N.ravel(), current_A=np.full(force_N.size, float(test.current_A[0])),
         dt_s=test.dt_s * places.period / places.phases, samples_per_cycle=places.phases,
         usable=None if bool(np.all(known)) else known.ravel(), temperature_degC=_temperature_degC(test, places),
-        means=MeanCycles(samples, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N),
+        means=MeanCycles(samples, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N, spread),
         warnings=(*test.warnings, say("mean-cycles", samples=test.u_m.size, **numbers)),
     )  # fmt: skip
 
@@ -157,6 +178,11 @@ class _Sums:
         counts: FloatArray = self._sums[0]
         return counts
 
+    @property
+    def columns(self) -> FloatArray:
+        """Sums of the columns in each group and interval, (columns, groups, phases)."""
+        return np.asarray(self._sums[3:])
+
     def means(self) -> FloatArray:
         """Mean distance, square distance and columns, (columns + 2, groups, phases); 0 without samples."""
         return np.asarray(self._sums[1:] / np.maximum(self.counts, 1.0))
@@ -202,6 +228,48 @@ class _Curve:
     def beside(self, phase: NDArray[np.int64], apart: FloatArray) -> FloatArray:
         """Difference between the value at distances (n,) and that at the midpoints of intervals (n,)."""
         return np.asarray((self.slope[phase] + 0.5 * self.bend[phase] * apart) * apart)
+
+
+class _IntervalResiduals:
+    """Residuals of the samples within the phase intervals, tested for structure that the means do not resolve.
+
+    Each residual is multiplied by the side of the midpoint on which the sample is, and by its squared distance from
+    the midpoint. For a resolved force, the sums of these products over all groups are random.
+    """
+
+    def __init__(self, places: _Places) -> None:
+        self._sums = [_Sums(places.groups, places.phases, 3) for _ in range(2)]
+
+    def add(
+        self, group: NDArray[np.int64], phase: NDArray[np.int64], apart: FloatArray, residual_N: FloatArray
+    ) -> None:
+        """Add samples and their residuals (N), shape (n,) each."""
+        for sums, shape in zip(self._sums, (np.sign(apart), apart**2), strict=True):
+            sums.add(group, phase, apart, (residual_N * shape, shape, shape**2))
+
+    def are_random(self, scatter_N: float) -> bool:
+        """Whether the residuals are random, that is, whether the means resolve the force.
+
+        The variance of a product is estimated by the median over single groups, because correlated noise increases it.
+
+        Args:
+            scatter_N: standard deviation of the samples about the means (N).
+        """
+        for sums in self._sums:
+            products, total, squares = sums.columns
+            apart, square, *_ = sums.means()
+            power = squares - total**2 / np.maximum(sums.counts, 1.0)
+            checked = (square - apart**2 > LEAST_SPREAD**2) & (power > 1e-6)
+            if not np.any(checked):
+                continue
+            power = np.where(checked, power, 0.0) * scatter_N**2
+            single = float(np.median(products[checked] ** 2 / power[checked])) / MEDIAN_OF_CHI2
+            products, power = np.where(checked, products, 0.0).sum(axis=0), power.sum(axis=0)
+            seen = power > 0.0
+            together = products[seen] ** 2 / (max(single, 1.0) * power[seen])
+            if float(np.sum(together)) > together.size + MOST_DEVIATIONS * math.sqrt(2.0 * together.size):
+                return False
+        return True
 
 
 def _significant_harmonics(values: FloatArray) -> FloatArray:
