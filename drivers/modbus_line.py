@@ -44,7 +44,7 @@ EXCEPTION_HINTS = {
     2: "the device has no such register. Fix: check address, first_address and type in the sensor's format",
     3: "the device rejects the number of registers. Fix: check type in the sensor's format",
     4: "the device reports a failure. Fix: check the device",
-    6: "the device is busy. Fix: read it less often (rate)",
+    6: "the device is busy. Fix: read it less often (lower rate)",
     10: "the gateway cannot reach the device. Fix: check device_id and the gateway",
     11: "the device behind the gateway does not answer. Fix: check device_id, wiring and power of the device",
 }

@@ -353,7 +353,7 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
     for shift in range(1, count):
         pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
         if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
-            message = f"the fixed bits also fit a frame shifted by {shift} byte{'s' * (shift > 1)}"
+            message = f"the fixed bits also match a frame shifted by {shift} byte{'s' * (shift > 1)}"
             yield ("packed",), f"the start of a frame cannot be detected: {message}"
             return
     if count == 1:

@@ -191,8 +191,8 @@ def supply_missing(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
             "only by the absence of current",
         ),
         "error-queue": (bool(described.commands.error_queue), "the supply does not report rejected commands"),
-        "faults": (bool(described.faults), "a trip of the supply's own protection (overheating, mains) is detected "
-            "only by its output state or its current"),
+        "faults": (bool(described.faults), "a trip of the supply's own protection (overheating, mains failure) is "
+            "detected only by its output state or its current"),
         "output-state": (
             bool(described.commands.read_output or not described.commands.output_on),
             "if the supply switches its output off itself, this is detected only by the absence of current",

@@ -161,8 +161,8 @@ def points_table(views: Sequence[PointView]) -> Blocks:
     note = (
         f"Peak rebound and compression: largest force of the mean cycle in each direction. {PLUS_MINUS}: one standard "
         "uncertainty due to the variation between cycles. Damping: viscous damper that dissipates the same energy. "
-        "Model error: RMS error of the test in % of its force amplitude, the largest deviation of the force from its "
-        "mean."
+        "Model error: RMS error of the test in % of its force amplitude, which is the largest deviation of the force "
+        "from its mean."
     )
     if not all(view.point.imported for view in views):
         note += (

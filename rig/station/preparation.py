@@ -344,6 +344,6 @@ def _check_not_moved(before: ActuatorStatus | None, tripped: ActuatorStatus) -> 
     moved_m = math.nan if before is None else abs(tripped.position_m - before.position_m)
     if not moved_m <= TEST_TRAVEL_M:
         raise StationRefused(
-            "not-at-rest", f"starve_watchdog: the rod moved {1e3 * moved_m:.2f} mm during the test of the watchdog "
+            "not-at-rest", f"starve_watchdog: the rod moved {1e3 * moved_m:.2f} mm during the watchdog test "
             f"under pressure; allowed: {1e3 * TEST_TRAVEL_M:g} mm"
         )

@@ -89,16 +89,16 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
         works = ratio < FAR
         why = (
             "" if works else " With M < 1, no coordinate in equation (13) can change its sign, so a search that starts "
-                             "at ones cannot reach a negative preload F0. The paper's own fit has F0 = -270 N: either "
-                             "its program differs from the printed algorithm, or its starting point had that sign, "
-                             "which requires knowledge of the range. In this software, `c_foa` draws the signs of the "
-                             "first swarm at random."
+                             "with all parameters equal to 1 cannot reach a negative preload F0. The paper's own fit "
+                             "has F0 = -270 N: either its program differs from the printed algorithm, or its starting "
+                             "point had that sign, which requires knowledge of the range. In this software, `c_foa` "
+                             "draws the signs of the first swarm at random."
         )  # fmt: skip
         yield Claim(
             "printed-c-foa", HOLDS if works else FAILS,
             "Paper 1 states that c-FOA identifies the model without knowledge of its range. The best of all searches "
-            f"with the algorithm as printed (Fig. 6), started at ones, reaches {ratio:.3g} times the lowest "
-            f"objective.{why}",
+            "with the algorithm as printed (Fig. 6), started with all parameters equal to 1, reaches "
+            f"{ratio:.3g} times the lowest objective.{why}",
         )  # fmt: skip
     if "foa" in best:
         ratio = best["foa"] / lowest

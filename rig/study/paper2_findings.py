@@ -84,7 +84,10 @@ def _generations(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     p = rank_test([line["generations"] for lines in novel.values() for line in lines], standard)
     ended = all(stopped[method] >= MOST * counts[method] for method in ("ga_novel", "ga_standard"))
     verdict = OPEN if p >= SIGNIFICANT or not ended else HOLDS if fewest == "ga_novel" else FAILS
-    cut = "" if ended else " If the budget ends the searches, the number of generations does not show convergence."
+    cut = (
+        "" if ended
+        else " If searches end because their budget is used up, the number of generations does not show convergence."
+    )  # fmt: skip
     text = ", ".join(f"{TITLES[m]} {means[m]:.3g} ({stopped[m]} of {counts[m]})" for m in means)
     return Claim(
         "novel-ga-speed", verdict,

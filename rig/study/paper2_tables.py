@@ -190,8 +190,8 @@ def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, 
     ]
     columns = ("parameter", "relation", "rms residual", "rms at an omitted current", "value at I (A)")
     note = (
-        "SI units. The Lagrange polynomial passes through every point; the rms at an omitted current shows its "
-        "predictive value."
+        "SI units. The Lagrange polynomial passes through every point; the rms error at an omitted current shows how "
+        "well it predicts."
     )
     title = f"Relations between the parameters and the current, {TITLES[method]}"
     return Table(f"paper2-relations-{method}", "Paper 2, relations", title, columns, tuple(rows), note)

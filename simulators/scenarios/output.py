@@ -134,7 +134,7 @@ class ProgressOutput:
             return line.append("no checks were performed", style=LOOK)
         if self.not_happened:
             count = len({entry["seed"] for entry in self.not_happened})
-            late = f"{count} ended before all events occurred, "
+            late = f"{count} ended before all events had occurred, "
             line.append(late, style=LOOK)
         if not seeds:
             return line.append("all checks passed", style=GOOD)

@@ -86,7 +86,7 @@ def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> N
         (FRAME | {"escape": 0x7D}, "escape", 'requires stuffing = "escape"'),
         (PACKED | {"sync": [1]}, "sync", "cannot be combined with packed"),
         (PACKED | {"packed": ["1vvv", "0vvvvvvv"]}, "packed.0", "expected eight characters from 0, 1, x"),
-        (PACKED | {"packed": ["1vvvvvvv", "1vvvvvvv"]}, "packed", "the fixed bits also fit a frame shifted by 1 byte"),
+        (PACKED | {"packed": ["1vvvvvvv", "1vvvvvvv"]}, "packed", "fixed bits also match a frame shifted by 1 byte"),
         (PACKED | {"packed": ["1vvvvvvv"]}, "packed", "requires at least two bytes"),
         (PACKED | {"packed": ["1vvvvvvs", "0vvvvvvv"]}, "fields", "packed has bits marked s, which require a table "
             "[fields.status]"),

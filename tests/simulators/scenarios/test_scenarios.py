@@ -201,7 +201,7 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     assert "all checks passed" in done.stderr
     assert [(one["seed"], one["event"]) for one in answer["not_happened"]] == [(3, "estop@99"), (4, "estop@99")]
     assert "seed 4: the campaign ended before estop@99" in done.stderr
-    assert "2 ended before all events occurred" in done.stderr
+    assert "2 ended before all events had occurred" in done.stderr
 
 
 @pytest.mark.parametrize(
