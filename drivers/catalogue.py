@@ -213,6 +213,18 @@ def current_source_timeout_s(given: DbcText, roles: Mapping[str, Any] | None) ->
     return current_source(given, roles).command_timeout_s
 
 
+def current_source_commands(given: Given, roles: Mapping[str, Any] | None) -> frozenset[tuple[int, bool]]:
+    """Identifiers of the frames that command a current source, each with whether it is extended; none for a plug-in.
+
+    Args:
+        given: name, or the DBC of a user.
+        roles: roles for the DBC of a user.
+    """
+    if not _is_described(given):
+        return frozenset()
+    return frozenset((frame.identifier, frame.extended) for frame in current_source(given, roles).sent)
+
+
 def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuator:
     """The driver of a kind of actuator; nothing is opened. One that only follows set-points is streamed them.
 

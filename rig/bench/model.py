@@ -10,10 +10,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
+from drivers.catalogue import (
+    current_source_commands,
+    current_source_period_s,
+    current_source_range_A,
+    unheld_limits,
+)
 from drivers.connection import ActuatorAddress, LinkKind, modbus_line
-from drivers.sensor_formats import registers_of
+from drivers.sensor_formats import described_format, is_can, registers_of
+from protocols.can_frame import EXTENDED, decode_requests
 from protocols.descriptions import Problem
+from protocols.j1939 import parameter_group
 from protocols.sensor_format import modbus_framing
 from rig import units
 from rig.bench import named_files
@@ -156,7 +163,8 @@ class Bench(Section):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         for check in (
-            self._shared_ports, self._shared_names, self._ranges, self._held_limits, self._current, self._periods
+            self._shared_ports, self._requests_on_can, self._shared_names, self._ranges, self._held_limits,
+            self._current, self._periods,
         ):
             yield from check()
 
@@ -243,6 +251,24 @@ class Bench(Section):
                 f"{sensor.parity} here, {baudrate} Bd and parity {described.link.parity} for [ecu]. Fix: specify the "
                 "same baudrate in both, and the same parity here and in the supply's file"
             )
+
+    def _requests_on_can(self) -> Iterator[Problem]:
+        """A request to a sensor must never be a command to the current controller on the same bus."""
+        if self.ecu.url is not None or self.ecu.by_hand:
+            return
+        commands = current_source_commands(*self.ecu.described_source)
+        groups = {parameter_group(identifier) for identifier, extended in commands if extended}
+        for place, sensor in self._sensors().items():
+            if sensor.bus is None or sensor.port != self.ecu.port or not is_can(sensor.described):
+                continue
+            made = described_format(sensor.described)
+            for key, _, _ in decode_requests(made.exchange.request):
+                identifier, extended = key & ~EXTENDED, bool(key & EXTENDED)
+                if (identifier, extended) in commands or (extended and parameter_group(identifier) in groups):
+                    yield (*place, "format"), (
+                        f"sends requests with identifier 0x{identifier:X}, which is the identifier of a command to "
+                        "[ecu] on the same bus: a request could set the current. Fix: check request and id"
+                    )
 
     def _shared_names(self) -> list[Problem]:
         names = [item.name for item in self.auxiliary]

@@ -141,6 +141,28 @@ def test_what_cannot_be_on_one_modbus_connection_is_refused(
     assert text in str(error.value)
 
 
+@pytest.mark.parametrize(("identifier", "request_"), [
+    (0x182, "{ id = 0x120, data = [255, 255, 255, 255] }"), (0x120, '"remote"'), (0x182, "{ id = 0x121, data = [] }"),
+])  # fmt: skip
+def test_a_request_that_commands_the_ecu_on_the_same_bus_is_refused(
+    tmp_path: Path, identifier: int, request_: str
+) -> None:
+    fields = 'unit = "mm", fields = { value = { at = 0, type = "i24" } }'
+    travel = f"{{ id = {identifier}, length = 8, request = {request_}, {fields} }}"
+    text = CAN_BENCH.replace('{ dbc = "can-sensors.dbc", signal = "TravelSensor.Travel" }', travel)
+    (tmp_path / "can-sensors.dbc").write_text(NETWORK, encoding="utf-8")
+    (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
+    if "0x121" in request_:  # the ECU's own status is no command
+        Bench.load(tmp_path / "bench.toml")
+        return
+    with pytest.raises(FileProblem, match="0x120, which is the identifier of a command"):
+        Bench.load(tmp_path / "bench.toml")
+    bus = '[lvdt]\ninterface = "socketcan"\nchannel = '
+    other_bus = text.replace(f'{bus}"can0"', f'{bus}"can1"')
+    (tmp_path / "bench.toml").write_text(other_bus, encoding="utf-8")
+    Bench.load(tmp_path / "bench.toml")
+
+
 def test_every_problem_of_a_format_s_file_is_reported_with_its_line(tmp_path: Path) -> None:
     wrong = FORMAT.replace("crc16-modbus", "crc16-modbis").replace('"i32"', '"i33"').replace("length", "length_")
     problems = refused(bench(tmp_path, BY_FILE, described=wrong))
