@@ -199,12 +199,28 @@ class Cluster(RemoteWorkers):
         self._client.run(forget, list(self._payloads), on_error="ignore")
 
     def _supply(self, missing: Missing) -> None:
-        self._send(missing.token, [missing.worker])
+        """See `RemoteWorkers._supply`.
 
-    def _send(self, token: str, workers: list[str] | None = None) -> None:
-        """Send a shared value; if a worker fails meanwhile, its replacement requests the value."""
+        Raises:
+            WorkersFailed: the worker cannot load the value; sending it again would not end.
+        """
+        reason = self._send(missing.token, [missing.worker]).get(missing.worker)
+        if isinstance(reason, str):
+            raise WorkersFailed(
+                f"worker {missing.worker}: cannot load the data of the jobs: {reason}. Fix: check its memory"
+            )
+
+    def _send(self, token: str, workers: list[str] | None = None) -> dict[str, Any]:
+        """Send a shared value; returns the answer of `_kept` by worker.
+
+        A worker that ends meanwhile is replaced by another one, which requests the value.
+        """
         with suppress(OSError):
-            self._client.run(keep, token, self._payloads[token], workers=workers, on_error="ignore")
+            answers: dict[str, Any] = self._client.run(
+                _kept, token, self._payloads[token], workers=workers, on_error="return"
+            )
+            return answers
+        return {}
 
     def check_software(self, expected: Mapping[str, str] | None = None) -> None:
         """Check that every worker and the scheduler run the same version of the software and of its libraries.
@@ -308,6 +324,15 @@ class Cluster(RemoteWorkers):
         if futures and self._client.status == "running":
             with suppress(OSError, TimeoutError, CancelledError):  # it may be gone by now
                 self._client.cancel(futures)
+
+
+def _kept(token: str, payload: bytes) -> str | None:
+    """In a worker: keep a shared value; why it cannot be loaded, None if it can."""
+    try:
+        keep(token, payload)
+    except Exception as error:  # noqa: BLE001 - whatever loading raises
+        return repr(error)
+    return None
 
 
 def abandoned() -> bool:

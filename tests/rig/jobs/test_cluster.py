@@ -12,7 +12,7 @@ import pytest
 from rig.errors import FileProblem, RigError
 from rig.jobs import cluster as module
 from rig.jobs.cluster import Cluster, abandoned, cluster
-from rig.jobs.workers import Job, forget
+from rig.jobs.workers import Job, WorkersFailed, forget
 
 distributed = pytest.importorskip("distributed", reason="the cluster extra is not installed")
 pytestmark = pytest.mark.filterwarnings("default")  # what Dask and its parts warn of among themselves is not ours
@@ -46,6 +46,23 @@ def test_results_shared_values_and_errors_come_from_the_workers(workers: Cluster
         workers.in_order([Job("a", refuse, (3,))])
     assert workers.executor.submit(mul, 6, 7).result() == 42
     assert not abandoned()
+
+
+class TooLarge:
+    """A value that a worker has no memory for."""
+
+    def __getstate__(self) -> dict[str, int]:
+        return {"size": 1}
+
+    def __setstate__(self, state: object) -> None:
+        raise MemoryError("no memory")
+
+
+def test_a_worker_that_cannot_load_a_shared_value_ends_the_work(workers: Cluster) -> None:
+    """Instead of being sent the value forever."""
+    shared = workers.share(TooLarge())
+    with pytest.raises(WorkersFailed, match=r"worker inproc://\S+: cannot load the data of the jobs: MemoryError"):
+        workers.in_order([Job("a", isinstance, (shared, int))])
 
 
 def test_a_worker_that_reads_other_files_is_named_before_work_starts(workers: Cluster, tmp_path: Path) -> None:
