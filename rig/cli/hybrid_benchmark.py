@@ -48,7 +48,7 @@ DESCRIPTION = (
     "[default: all four]")
 @click.option(
     "--rate", "rates", type=click.Choice(RATES), multiple=True, help="Integration steps per second.  [default: all "
-    "three]"
+    "rates]"
 )
 @click.option(
     "--compensator",

@@ -114,7 +114,9 @@ def state_folder() -> Path:
     try:
         return (Path(named) if named.startswith("/") else Path.home() / ".local" / "state") / FOLDER
     except RuntimeError as error:
-        raise PageProblem("no home folder found for the address of the page. Fix: set XDG_STATE_HOME") from error
+        raise PageProblem(
+            "no home folder found in which to save the address of the page. Fix: set XDG_STATE_HOME"
+        ) from error
 
 
 def _read(path: Path) -> tuple[dict[str, Any], str]:

@@ -160,9 +160,9 @@ def points_table(views: Sequence[PointView]) -> Blocks:
     """The one table of points: motion, forces, error of the fit, verdict and reasons."""
     note = (
         f"Peak rebound and compression: largest force of the mean cycle in each direction. {PLUS_MINUS}: one standard "
-        "uncertainty due to the variation between cycles. Damping: viscous damper that dissipates the same energy. "
-        "Model error: RMS error of the test in % of its force amplitude, which is the largest deviation of the force "
-        "from its mean."
+        "uncertainty due to the variation between cycles. Damping: coefficient of the viscous damper that dissipates "
+        "the same energy. Model error: RMS error of the test as a percentage of its force amplitude, which is the "
+        "largest deviation of the force from its mean."
     )
     if not all(view.point.imported for view in views):
         note += (
