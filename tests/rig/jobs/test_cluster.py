@@ -102,7 +102,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
 
 
 def test_an_encrypted_connection_without_certificates_is_refused_at_once() -> None:
-    with pytest.raises(RigError, match=r"tls://127.0.0.1:1: got no certificates, expected"), cluster("tls://127.0.0.1:1"):
+    with pytest.raises(RigError, match=r"tls://127.0.0.1:1: got no certificates; Dask.s settings must name"), cluster("tls://127.0.0.1:1"):
         pass
 
 
