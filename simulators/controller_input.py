@@ -39,6 +39,7 @@ class ControllerInput:
             self._started = True
         if self.options.delay_s > 0.0:
             signal = self._delay.delayed(signal)
+        signal = np.ascontiguousarray(signal)  # a column of the plant's: another layout would be compiled again
         condition(signal, self._dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, 0.0, _NONE, _NONE)
 
     def read(self, random: np.random.Generator) -> float:

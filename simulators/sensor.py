@@ -122,6 +122,7 @@ class Sensor:
         options = self.options
         draws, device_us, nominal_s, times_s = self._instants(end_s)
         value = np.empty(len(times_s)) if len(times_s) else _NOTHING
+        signal = np.ascontiguousarray(signal)  # as in `ControllerInput.take`
         condition(signal, dt_s, 2.0 * math.pi * options.bandwidth_Hz, self._filter, start_s, times_s, value)
         if len(value) or pulses_s:
             status = self._imperfect(value, draws, self._disturbance(times_s, start_s, dt_s, current_A))

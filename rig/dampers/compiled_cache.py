@@ -57,6 +57,20 @@ def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own opti
     return compiled
 
 
+def entry_point(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401 - numba's own
+    """`numba.cfunc`, kept for the next process, under a name of its own contents."""
+
+    def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba's own
+        function.__qualname__ = f"{function.__qualname__}_{contents(function):08x}"
+        try:
+            return numba.cfunc(signature, cache=True, **options)(function)
+        except RuntimeError:  # as above
+            _not_kept()
+            return numba.cfunc(signature, **options)(function)
+
+    return compiled
+
+
 @cache
 def _not_kept() -> None:
     """Warns, once."""

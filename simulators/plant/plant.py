@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from rig import dampers
 from rig.dampers import DamperModel
 from rig.dampers.current_law_model import CurrentLawModel
+from rig.dampers.step_address import address_of
 from simulators.controller_input import ControllerInput
 from simulators.options import DamperOptions, RigOptions
 from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
-from simulators.plant.step import COLUMNS, FORCE, PISTON, slice_of
+from simulators.plant.step import COLUMNS, FORCE, PISTON, plant_loop
 
 FloatArray = NDArray[np.float64]
 
@@ -82,11 +83,12 @@ class Plant:
             warmer = float(self.state["temperature_degC"][0]) - self._reference_degC
             self._damper[:] = self._base * (1.0 + self._thermal * self._change_per_K * warmer)
         self.first_step = self.step
-        count = slice_of(self.model)(
+        count = plant_loop()(
             steps,
             self.constants,
             self.command,
             self.state,
+            address_of(self.model),
             self._damper,
             self._damper_state,
             self._scratch,

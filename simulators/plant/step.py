@@ -1,7 +1,7 @@
 """One slice of the plant: motion, damper in its mounting, coil, heat, the controller's limits; one compiled loop.
 
-The damper's force comes from `rig.dampers.kernel.advance_of`, inlined by the compiler. Numba does not notice when a
-function that a cached one calls has changed, so only the whole loop is cached, one for each damper model, and it is
+The loop is compiled once for all damper models and calls the model's step by its address (`rig.dampers.step_address`).
+Numba does not notice when a function that a cached one calls has changed, so only the whole loop is cached, and it is
 built in a closure over the sources' fingerprint: another fingerprint, another cache entry.
 """
 
@@ -13,9 +13,10 @@ import sys
 import zlib
 from functools import cache
 
-from rig.dampers import DamperModel
+from rig.dampers import step_address
 from rig.dampers.compiled_cache import njit
-from rig.dampers.kernel import Compiled, advance_of, cached, fingerprint
+from rig.dampers.kernel import Compiled, cached
+from rig.dampers.step_address import advance_at
 from simulators.plant import motion, records
 from simulators.plant.motion import Record, move_rod, note
 from simulators.plant.records import (
@@ -71,50 +72,48 @@ def _mount_force(p: Record, stretch_m: float) -> float:
 mount_force = njit(cache=False)(_mount_force)
 
 
-def _rigid_force(advance: Compiled) -> Compiled:
-    """Force (N) of a damper bolted to the rod without play, compiled: (p, s, dp, ds)."""
-
-    def rigid_force(p: Record, s: Record, dp: Record, ds: Record) -> float:
-        s.damper_u_m = s.position_m - p.mid_stroke_m
-        s.damper_v_m_s = s.velocity_m_s
-        force = advance(dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.current_A, p.dt_s)
-        total: float = p.force_scale * force + fittings_force(p, s.damper_u_m, s.damper_v_m_s)
-        return total
-
-    return njit(cache=False)(rigid_force)
+def _rigid_force(p: Record, s: Record, advance: int, dp: Record, ds: Record) -> float:
+    """Force (N) of a damper bolted to the rod without play; `advance` is its step's address."""
+    s.damper_u_m = s.position_m - p.mid_stroke_m
+    s.damper_v_m_s = s.velocity_m_s
+    force = advance_at(advance, dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.current_A, p.dt_s)
+    total: float = p.force_scale * force + fittings_force(p, s.damper_u_m, s.damper_v_m_s)
+    return total
 
 
-def _mounted_force(advance: Compiled) -> Compiled:
-    """Force (N) of a damper behind a spring with free play, compiled: (p, s, dp, ds, scratch).
+rigid_force = njit(cache=False)(_rigid_force)
+
+
+def _mounted_force(p: Record, s: Record, advance: int, dp: Record, ds: Record, scratch: Record) -> float:
+    """Force (N) of a damper behind a spring with free play; `advance` is its step's address.
 
     By bisection on the damper's speed: the damper's force rises with its speed and the spring's falls, so the balance
     is bracketed; internal states are copied for each trial and kept for the last.
     """
-
-    def mounted_force(p: Record, s: Record, dp: Record, ds: Record, scratch: Record) -> float:
-        rod_u = s.position_m - p.mid_stroke_m
-        reach = 2.0 + 10.0 * abs(s.velocity_m_s)
-        low, high = s.damper_v_m_s - reach, s.damper_v_m_s + reach
-        u, v, force = s.damper_u_m, s.damper_v_m_s, 0.0
-        for _ in range(_MOUNT_ITERATIONS):
-            v = 0.5 * (low + high)
-            u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
-            for place in range(ds.size):
-                scratch[place] = ds[place]
-            a = (v - s.damper_v_m_s) / p.dt_s
-            force = p.force_scale * advance(dp, scratch, u, v, a, s.current_A, p.dt_s)
-            force += fittings_force(p, u, v)
-            if force > mount_force(p, rod_u - u):
-                high = v
-            else:
-                low = v
+    rod_u = s.position_m - p.mid_stroke_m
+    reach = 2.0 + 10.0 * abs(s.velocity_m_s)
+    low, high = s.damper_v_m_s - reach, s.damper_v_m_s + reach
+    u, v, force = s.damper_u_m, s.damper_v_m_s, 0.0
+    for _ in range(_MOUNT_ITERATIONS):
+        v = 0.5 * (low + high)
+        u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
         for place in range(ds.size):
-            ds[place] = scratch[place]
-        s.damper_u_m = u
-        s.damper_v_m_s = v
-        return mount_force(p, rod_u - u)
+            scratch[place] = ds[place]
+        a = (v - s.damper_v_m_s) / p.dt_s
+        force = p.force_scale * advance_at(advance, dp, scratch, u, v, a, s.current_A, p.dt_s)
+        force += fittings_force(p, u, v)
+        if force > mount_force(p, rod_u - u):
+            high = v
+        else:
+            low = v
+    for place in range(ds.size):
+        ds[place] = scratch[place]
+    s.damper_u_m = u
+    s.damper_v_m_s = v
+    return mount_force(p, rod_u - u)
 
-    return njit(cache=False)(mounted_force)
+
+mounted_force = njit(cache=False)(_mounted_force)
 
 
 def _specimen_end(p: Record, s: Record) -> None:
@@ -183,38 +182,31 @@ guard = njit(cache=False)(_guard)
 
 
 def _sources() -> int:
-    """CRC-32 over every source the compiled loop is made of."""
-    crc = fingerprint()
-    for module in (records, motion, sys.modules[__name__]):
+    """CRC-32 over every source the compiled loop is made of; a model's step is compiled separately."""
+    crc = 0
+    for module in (records, motion, step_address, sys.modules[__name__]):
         crc = zlib.crc32(inspect.getsource(module).encode(), crc)
     return crc
 
 
-rigid_force: Compiled = fittings_force
-mounted_force: Compiled = fittings_force
-"""Of the loop's damper model, once `slice_of` has made it."""
-
-
 @cache
-def slice_of(model: DamperModel) -> Compiled:
-    """The plant's loop with one damper model, compiled.
+def plant_loop() -> Compiled:
+    """The plant's loop, compiled.
 
-    `(steps, constants, command, state, damper, damper_state, scratch, table, out, events) -> number of events`. Arrays:
-    records of `records` (length 1), `damper` parameters in the model's order, `out` (steps, `COLUMNS`), `events`
-    (capacity, 3) of time (s), kind, value.
+    `(steps, constants, command, state, advance, damper, damper_state, scratch, table, out, events) -> number of
+    events`. `advance` is `address_of` the damper's model. Arrays: records of `records` (length 1), `damper` parameters
+    in the model's order, `out` (steps, `COLUMNS`), `events` (capacity, 3) of time (s), kind, value.
     """
-    advance = advance_of(model)
-    loop = _loop(f"{_sources()} {model.name} {model.hysteresis}")
-    forces = {"rigid_force": _rigid_force(advance), "mounted_force": _mounted_force(advance)}
-    return cached(loop, error_model="numpy", **forces)
+    return cached(_loop(_sources()), error_model="numpy")
 
 
-def _loop(key: str) -> Compiled:
+def _loop(key: int) -> Compiled:
     def run(
         steps: int,
         constants: Record,
         command: Record,
         state: Record,
+        advance: int,
         damper: Record,
         damper_state: Record,
         scratch: Record,
@@ -223,15 +215,15 @@ def _loop(key: str) -> Compiled:
         events: Record,
     ) -> int:
         p, c, s = constants[0], command[0], state[0]
-        count = 0 * len(key)
+        count = 0 * key
         for i in range(steps):
             s.step += 1
             end_s = s.step * p.dt_s
             count = move_rod(p, c, s, table, end_s, events, count)
             if p.mount_stiffness_N_m > 0.0 or p.load_train_stiffness_N_m > 0.0:
-                s.damper_force_N = mounted_force(p, s, damper, damper_state, scratch)
+                s.damper_force_N = mounted_force(p, s, advance, damper, damper_state, scratch)
             else:
-                s.damper_force_N = rigid_force(p, s, damper, damper_state)
+                s.damper_force_N = rigid_force(p, s, advance, damper, damper_state)
             s.cell_force_N = s.damper_force_N + p.moving_mass_kg * s.acceleration_m_s2
             specimen_end(p, s)
             coil_and_heat(p, c, s)

@@ -18,6 +18,7 @@ from rig.errors import FileProblem
 from rig.recording.alignment.alignment import INTERPOLATED, Alignment, TimedChannel, align
 from rig.recording.atomic_write import FULL, flush_directory
 from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.hdf5.hdf5_objects import Checks
 from rig.recording.hdf5.read_back import prove
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.journal_lock import journal_claimed
@@ -272,8 +273,8 @@ def wire_attributes(sensor: SensorContext) -> Mapping[str, Attribute]:
 def _write_proved(final: Path, point: PointFile) -> None:
     """Write under a temporary name, read back, compare, only then give it its name."""
 
-    def proved(partial: Path) -> None:
-        prove(partial, point)
+    def proved(partial: Path, checks: Checks) -> None:
+        prove(partial, point, checks)
         RecordedPoint.open(partial)  # a file that cannot be opened must not replace its journal
         if final.exists():
             keep_attempt(final)

@@ -133,7 +133,7 @@ def make_again(path: Path, change: Change) -> FinishedPoint:
             journal_check=str(old.provenance.get("journal_check", "")),
             correction=_correction(old, change),
         )
-        write_file(path, file, before_naming=lambda partial: prove(partial, file))
+        write_file(path, file, before_naming=lambda partial, checks: prove(partial, file, checks))
     return FinishedPoint.of(old.id, path, quality)
 
 

@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from rig.recording.atomic_write import ReservedFile, write_whole
-from rig.recording.hdf5.hdf5_objects import number_type, set_attributes, set_number, texts_of, values_of, write_values
+from rig.recording.hdf5.hdf5_objects import (
+    Checks,
+    StoredValues,
+    number_type,
+    set_attributes,
+    set_number,
+    texts_of,
+    values_of,
+    write_values,
+)
 from rig.recording.layout import CHUNK_SAMPLES, FORMAT_VERSION, AlignedChannel
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.chunked_column import parts
@@ -27,8 +36,13 @@ if TYPE_CHECKING:
     from rig.recording.layout import Attribute, Event, PointFile, RawChannel
     from rig.signals.chunked_column import Values
 
-COMPRESSION = 4
-"""Of gzip; shuffled before, with a check of every chunk behind."""
+    Column = tuple[Values, DTypeLike]
+    """Values (n,) and the type in which they are stored."""
+
+COMPRESSION = 1
+"""Level of gzip; shuffled before, with a check of every chunk behind. Level 4 takes 1.6 times as long and saves 2 %: a
+measured value's last bits are noise, and a column of time stamps is small at any level.
+"""
 UNFILTERED_BYTES = 1024
 """A dataset up to this size is stored as it is: filters and an index of chunks would be longer than what they save."""
 MOST_ATTRIBUTES = 1000
@@ -46,23 +60,33 @@ dataset, 330 of the 480 kB of a short point.
 """
 
 
-def write_file(path: Path, content: PointFile, *, before_naming: Callable[[Path], None] | None = None) -> None:
+def write_file(path: Path, content: PointFile, *, before_naming: Callable[[Path, Checks], None] | None = None) -> None:
     """Write a complete file or none: temporary name, flush to disk, rename, flush the directory.
 
     Args:
         path: the final name; a file of that name is replaced only once the new one is complete on disk.
         content: what to write.
-        before_naming: is given the temporary name when all is on the disk; what it raises prevents the naming.
+        before_naming: is given the temporary name and the checks of what was written when all is on the disk; what it
+            raises prevents the naming.
 
     Raises:
         ValueError: a channel's length differs from the time's.
         OSError: the disk is full or the place cannot be written; nothing is left under `path`.
     """
-    write_whole(path, lambda file: write_image(file, content), before_naming=before_naming)
+    checks: dict[str, StoredValues] = {}
+
+    def finished(partial: Path) -> None:
+        if before_naming is not None:
+            before_naming(partial, checks)
+
+    write_whole(path, lambda file: checks.update(write_image(file, content)), before_naming=finished)
 
 
-def write_image(file: ReservedFile, content: PointFile) -> None:
+def write_image(file: ReservedFile, content: PointFile) -> Checks:
     """Put the content into an empty file.
+
+    Returns:
+        The check of every dataset, by its place.
 
     Raises:
         ValueError: a channel's length differs from the time's.
@@ -73,8 +97,10 @@ def write_image(file: ReservedFile, content: PointFile) -> None:
     check_lengths(content)
     file.write(EMPTY_FILE)
     with h5py.File(file, "r+", libver=("v108", "v110")) as opened:
-        _Image(opened, file.check).fill(content)
+        image = _Image(opened, file.check)
+        image.fill(content)
     file.check()
+    return image.checks
 
 
 def check_lengths(content: PointFile) -> None:
@@ -93,9 +119,14 @@ def check_lengths(content: PointFile) -> None:
 
 
 class _Image:
-    """Fills an open, empty HDF5 file; `check` raises what the disk has refused and is asked after every part."""
+    """Fills an open, empty HDF5 file; `check` raises what the disk has refused and is asked after every part.
+
+    Attributes:
+        checks: of what was written, by place.
+    """
 
     def __init__(self, file: h5py.File, check: Callable[[], None]) -> None:
+        self.checks: dict[str, StoredValues] = {}
         self._file = file
         self._check = check
         self._stored: dict[tuple[str, int, int], h5py.h5d.DatasetID] = {}
@@ -132,84 +163,112 @@ class _Image:
         group = self._group("entry/data", "NXdata", {
             "signal": content.signal, "axes": "time", "time_indices": 0, "sample_rate_hz": content.sample_rate_hz,
         })
-        time = self._dataset(group, "time", content.time_s, np.float64)
+        flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
+        channels = (*content.channels, AlignedChannel("flags", flags, "1", QUALITY))
+        columns: dict[str, Column] = {"time": (content.time_s, np.float64)}
+        for channel in channels:
+            flagged = channel.name == "flags" or channel.values.dtype == np.int8
+            columns[channel.name] = channel.values, np.int8 if flagged else np.float32
+        datasets = self._write(group, "entry/data", columns)
+        time = datasets["time"]
         set_attributes(time, {"units": "s", "long_name": "Time"})
         h5py.h5ds.set_scale(time, b"time")
-        flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
-        quality = AlignedChannel("flags", flags, "1", QUALITY)
-        for channel in (*content.channels, quality):
-            flagged = channel is quality or channel.values.dtype == np.int8
-            dataset = self._dataset(group, channel.name, channel.values, np.int8 if flagged else np.float32)
+        for channel in channels:
+            dataset = datasets[channel.name]
             set_attributes(dataset, {
                 "units": channel.unit, "long_name": channel.long_name, "sensor": channel.sensor, **channel.attributes,
             })
             h5py.h5ds.attach_scale(dataset, time, 0)
 
     def _fill_raw(self, channel: RawChannel) -> None:
-        group = self._bare_group(f"entry/raw/{channel.name}")
+        place = f"entry/raw/{channel.name}"
+        group = self._bare_group(place)
         units = {"value": channel.unit, "sequence": "1", "device_us": "us", "host_ns": "ns", "flags": "1"}
-        columns: dict[str, tuple[Values, DTypeLike]] = {
+        columns: dict[str, Column] = {
             name: (channel.records[name], np.int8 if name == "flags" else RECORD_DTYPE[name]) for name in units
         }
         if channel.time_s is not None:
             units["time"], columns["time"] = "s", (channel.time_s, np.float64)
-        for name, (values, kind) in columns.items():
-            if name == "value":
-                dataset, new = self._dataset(group, name, values, kind), True
-            else:
-                dataset, new = self._stamps(group, name, values, kind)
-            if new:
-                about = channel.value_attributes if name == "value" else {}
-                set_attributes(dataset, {"units": units[name], **about})
+        shared = {name: key for name in columns if name != "value" and (key := _key(name, *columns[name])) is not None}
+        linked = {name for name, key in shared.items() if self._linked(group, place, name, key, columns[name])}
+        datasets = self._write(group, place, {name: column for name, column in columns.items() if name not in linked})
+        for name, dataset in datasets.items():
+            if name in shared:
+                self._stored[shared[name]] = dataset
+            about = channel.value_attributes if name == "value" else {}
+            set_attributes(dataset, {"units": units[name], **about})
         set_attributes(group, {"NX_class": "NXcollection", "long_name": channel.long_name, **channel.attributes})
 
     def _fill_events(self, events: Sequence[Event]) -> None:
         import h5py
 
         group = self._group("entry/events", "NXcollection")
-        times = np.array([event.time_ns for event in events], np.int64)
-        set_attributes(self._dataset(group, "time_ns", times, np.int64), {"units": "ns"})
-        arrived = np.array([event.host_ns for event in events], np.int64)
-        set_attributes(self._dataset(group, "host_ns", arrived, np.int64), {"units": "ns"})
+        place = "entry/events"
+        columns: dict[str, Column] = {
+            name: (np.array([getattr(event, name) for event in events], np.int64), np.int64)
+            for name in ("time_ns", "host_ns")
+        }
+        for dataset in self._write(group, place, columns).values():
+            set_attributes(dataset, {"units": "ns"})
         for name in ("code", "text"):
             texts = texts_of([getattr(event, name) for event in events])
             set_attributes(h5py.Group(group).create_dataset(name, data=texts).id, {"encoding": "utf-8"})
+            self.checks[f"{place}/{name}"] = StoredValues(len(texts), texts.dtype, zlib.crc32(texts.tobytes()))
         self._check()
 
-    def _stamps(
-        self, group: h5py.h5g.GroupID, name: str, values: Values, kind: DTypeLike
-    ) -> tuple[h5py.h5d.DatasetID, bool]:
-        """A column that channels of one message have in common, and whether it was new: the same one is linked only."""
+    def _linked(
+        self, group: h5py.h5g.GroupID, place: str, name: str, key: tuple[str, int, int], column: Column
+    ) -> bool:
+        """Whether another channel of the same message has stored this column, which is then only linked."""
         import h5py
 
-        if not isinstance(values, np.ndarray) or len(values) == 0:
-            return self._dataset(group, name, values, kind), True
-        column = np.ascontiguousarray(values.astype(kind))
-        key = (name, len(column), zlib.crc32(column.tobytes()))
+        values, kind = column
         known = self._stored.get(key)
-        if known is not None and values_of(known).tobytes() == column.tobytes():
-            h5py.h5o.link(known, group, name.encode())
-            return known, False
-        self._stored[key] = self._dataset(group, name, column, kind)
-        return self._stored[key], True
+        if known is None or values_of(known).tobytes() != np.asarray(values).astype(kind).tobytes():
+            return False
+        h5py.h5o.link(known, group, name.encode())
+        _, length, check = key
+        self.checks[f"{place}/{name}"] = StoredValues(length, np.dtype(kind), check)
+        return True
 
-    def _dataset(self, group: h5py.h5g.GroupID, name: str, values: Values, kind: DTypeLike) -> h5py.h5d.DatasetID:
-        """A dataset of type `kind`, written a part at a time, with the check of its values."""
-        import h5py
+    def _write(
+        self, group: h5py.h5g.GroupID, place: str, columns: Mapping[str, Column]
+    ) -> dict[str, h5py.h5d.DatasetID]:
+        """Datasets of columns of one length, with the checks of their values.
 
-        kind = np.dtype(kind)
-        properties = _storage(len(values), kind)
-        space = h5py.h5s.create_simple((len(values),))
-        dataset = h5py.h5d.create(group, name.encode(), number_type(kind), space, dcpl=properties)
-        check = 0
-        for rows in parts(len(values)) if len(values) else ():
-            part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
-            write_values(dataset, rows.start, part)
-            check = zlib.crc32(part.tobytes(), check)
-            self._check()
-        if len(values):
-            set_number(dataset, "crc32", np.uint32(check))
-        return dataset
+        They are written side by side, a part at a time: what columns are computed from is then read once. The check is
+        of the values as they are before HDF5 has them.
+        """
+        length = len(next(iter(columns.values()))[0]) if columns else 0
+        datasets = {name: _created(group, name, length, np.dtype(kind)) for name, (_, kind) in columns.items()}
+        checks = dict.fromkeys(columns, 0)
+        for rows in parts(length) if length else ():
+            for name, (values, kind) in columns.items():
+                part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
+                checks[name] = zlib.crc32(part.data, checks[name])
+                write_values(datasets[name], rows.start, part)
+                self._check()
+        for name, check in checks.items():
+            self.checks[f"{place}/{name}"] = StoredValues(length, np.dtype(columns[name][1]), check)
+            if length:
+                set_number(datasets[name], "crc32", np.uint32(check))
+        return datasets
+
+
+def _key(name: str, values: Values, kind: DTypeLike) -> tuple[str, int, int] | None:
+    """What a column that other channels may share is found by: name, length, check; None where it is not shared."""
+    if not isinstance(values, np.ndarray) or len(values) == 0:
+        return None
+    return name, len(values), zlib.crc32(np.ascontiguousarray(values.astype(kind)).data)
+
+
+def _created(group: h5py.h5g.GroupID, name: str, length: int, kind: np.dtype[Any]) -> h5py.h5d.DatasetID:
+    import h5py
+
+    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+    access.set_chunk_cache(1, 0, 1.0)  # parts are whole chunks; HDF5 would hold 8 MB of them for every open dataset
+    space = h5py.h5s.create_simple((length,))
+    return h5py.h5d.create(group, name.encode(), number_type(kind), space, dcpl=_storage(length, kind), dapl=access)
 
 
 def _storage(length: int, kind: np.dtype[Any]) -> h5py.h5p.PropDCID:

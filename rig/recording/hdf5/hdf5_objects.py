@@ -7,6 +7,7 @@ and takes three times as long to write a file and to read it back.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
 
     from rig.recording.layout import Attribute
 
+@dataclass(frozen=True)
+class StoredValues:
+    """A dataset as it was to be written: number and type of its values, and their CRC-32 before HDF5 had them."""
+
+    length: int
+    kind: np.dtype[Any]
+    check: int
+
+
+Checks = Mapping[str, StoredValues]
+"""By the dataset's place in the file, such as `entry/data/force`."""
 LONGEST_TEXT_BYTES = 32_000
 """HDF5 has 64 kB for an attribute, its name and type included."""
 
@@ -153,6 +165,22 @@ def values_of(dataset: h5py.h5d.DatasetID) -> NDArray[Any]:
     values = np.empty(dataset.shape, dataset.dtype)
     if values.size:
         dataset.read(h5py.h5s.ALL, h5py.h5s.ALL, values)
+    return values
+
+
+def rows_of(dataset: h5py.h5d.DatasetID, rows: slice) -> NDArray[Any]:
+    """Some rows of a dataset (m,), without a step.
+
+    Raises:
+        OSError: they cannot be read.
+    """
+    import h5py
+
+    values = np.empty(rows.stop - rows.start, dataset.dtype)
+    if values.size:
+        stored = dataset.get_space()
+        stored.select_hyperslab((rows.start,), values.shape)
+        dataset.read(h5py.h5s.create_simple(values.shape), stored, values)
     return values
 
 

@@ -111,7 +111,8 @@ def _check_of(data: bytes | mmap.mmap) -> int:
 class StoredRecords:
     """Ring records of one channel in a temporary file without a name: appended once, then read a part at a time.
 
-    `records[a:b]` is an array of `RECORD_DTYPE`, `records["value"]` one field as a `Column`.
+    `records[a:b]` is an array of `RECORD_DTYPE`, `records["value"]` one field as a `Column`. The last range is kept: a
+    channel's fields are read one after the other.
 
     Args:
         folder: where the file lies; it vanishes when closed, or with the process.
@@ -126,6 +127,7 @@ class StoredRecords:
     def __init__(self, folder: Path) -> None:
         self._file: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as this object
         self._count = 0
+        self._kept: tuple[int, int, NDArray[Any]] | None = None
 
     def append(self, records: NDArray[Any]) -> None:
         """Add records (n,).
@@ -155,9 +157,14 @@ class StoredRecords:
         if isinstance(key, str):
             return Column(len(self), RECORD_DTYPE[key], lambda start, stop: self[start:stop][key])
         start, stop, step = key.indices(len(self))
+        if self._kept is not None and self._kept[:2] == (start, stop):
+            return self._kept[2][::step]
         size = RECORD_DTYPE.itemsize
         data = os.pread(self._file.fileno(), max(0, stop - start) * size, start * size)
-        return np.frombuffer(data, RECORD_DTYPE)[::step]
+        records = np.frombuffer(data, RECORD_DTYPE)
+        if len(records) > 1:
+            self._kept = start, stop, records
+        return records[::step]
 
 
 class ChannelSplit:
