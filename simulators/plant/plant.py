@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rig import dampers
 from rig.dampers import DamperModel
 from rig.dampers.current_law_model import CurrentLawModel
-from rig.dampers.step_address import address_of
 from simulators.controller_input import ControllerInput
 from simulators.options import DamperOptions, RigOptions
+from simulators.plant.model_step import address_of
 from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
 from simulators.plant.step import COLUMNS, FORCE, PISTON, plant_loop
 

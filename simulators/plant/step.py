@@ -1,6 +1,6 @@
 """One slice of the plant: motion, damper in its mounting, coil, heat, the controller's limits; one compiled loop.
 
-The loop is compiled once for all damper models and calls the model's step by its address (`rig.dampers.step_address`).
+The loop is compiled once for all damper models and calls the model's step by its address (`model_step`).
 Numba does not notice when a function that a cached one calls has changed, so only the whole loop is cached, and it is
 built in a closure over the sources' fingerprint: another fingerprint, another cache entry.
 """
@@ -13,11 +13,10 @@ import sys
 import zlib
 from functools import cache
 
-from rig.dampers import step_address
 from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import Compiled, cached
-from rig.dampers.step_address import advance_at
-from simulators.plant import motion, records
+from simulators.plant import model_step, motion, records
+from simulators.plant.model_step import advance_at
 from simulators.plant.motion import Record, move_rod, note
 from simulators.plant.records import (
     BIT_FOLLOWING,
@@ -184,7 +183,7 @@ guard = njit(cache=False)(_guard)
 def _sources() -> int:
     """CRC-32 over every source the compiled loop is made of; a model's step is compiled separately."""
     crc = 0
-    for module in (records, motion, step_address, sys.modules[__name__]):
+    for module in (records, motion, model_step, sys.modules[__name__]):
         crc = zlib.crc32(inspect.getsource(module).encode(), crc)
     return crc
 

@@ -23,7 +23,7 @@ from drivers.ring import channel_name
 from rig.recording.journal.journal_file import JournalContent, JournalProblem, joined, release, scan_journal
 from rig.recording.layout import PointContext
 from rig.recording.ring_records import RECORD_DTYPE, Records
-from rig.signals.chunked_column import Column, parts
+from rig.signals.chunked_column import PART_SAMPLES, Column, parts
 from rig.signals.waveform import is_waveform
 
 MOST_BYTES_IN_MEMORY = 48_000_000
@@ -162,7 +162,7 @@ class StoredRecords:
         size = RECORD_DTYPE.itemsize
         data = os.pread(self._file.fileno(), max(0, stop - start) * size, start * size)
         records = np.frombuffer(data, RECORD_DTYPE)
-        if len(records) > 1:
+        if 1 < len(records) <= 2 * PART_SAMPLES:  # neither one value of a search nor a whole channel
             self._kept = start, stop, records
         return records[::step]
 

@@ -154,7 +154,7 @@ def test_points_that_contradict_each_other_are_not_as_sure_as_each_of_them_alone
     assert list(retime(tmp_path)) == []
 
 
-@pytest.mark.parametrize("lost", ["force/time", "velocity"])
+@pytest.mark.parametrize("lost", ["force/value", "velocity"])
 def test_a_value_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
     lagging: tuple[Path, dict[str, SyntheticRig]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
 ) -> None:

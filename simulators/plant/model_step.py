@@ -1,4 +1,4 @@
-"""One plant step of a model by its address, so that a loop which takes steps is compiled once for all models.
+"""One step of a damper model by its address, so that the plant's loop is compiled once for all models.
 
 A compiled function that is given as an argument would do the same, but numba looks its address up by a signature that
 is unpickled at every call of the loop.
@@ -11,28 +11,26 @@ from functools import cache
 from types import FunctionType
 from typing import Any
 
-import numba
 from llvmlite import ir  # type: ignore[import-untyped]  # it has no types
 from numba import carray, types  # type: ignore[attr-defined]  # numba has few annotations
 from numba.extending import intrinsic
 
-from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import entry_point
 from rig.dampers.integrable import Integrable
 from rig.dampers.kernel import Compiled, advance_of, fingerprint
 
-_INTERPRETED = bool(numba.config.DISABLE_JIT)
 VECTOR = (types.CPointer(types.float64), types.int64)  # type: ignore[no-untyped-call]  # the same
 STEP = types.float64(*VECTOR, *VECTOR, *5 * [types.float64])
 """(p, its length, state, its length, u, v, a, current, dt) -> force (N): `kernel.advance_of` for C."""
 
 
-def address_of(model: Integrable) -> Any:  # noqa: ANN401 - where nothing is compiled it is the step itself
+def address_of(model: Integrable) -> int:
     """Address of a model's step, for `advance_at`; it is compiled once for each model, and kept for the next process.
 
     A division by zero gives an infinity or NaN.
     """
-    return advance_of(model) if _INTERPRETED else _entry_of(model).address
+    address: int = _entry_of(model).address
+    return address
 
 
 @cache
@@ -55,12 +53,6 @@ _advance: Compiled = fingerprint
 """The step of the entry's model, once it is compiled."""
 
 
-def _called(address: Any, p: FloatArray, state: FloatArray, *instant: float) -> float:  # noqa: ANN401 - the step itself
-    """`advance_at` where nothing is compiled."""
-    force: float = address(p, state, *instant)
-    return force
-
-
 def _call(typing: Any, address: Any, p: Any, state: Any, u: Any, v: Any, a: Any, current: Any, dt: Any) -> Any:  # noqa: ANN401 - numba has no types
     del typing, u, v, a, current, dt
 
@@ -77,7 +69,7 @@ def _call(typing: Any, address: Any, p: Any, state: Any, u: Any, v: Any, a: Any,
     return types.float64(address, p, state, *5 * [types.float64]), generate
 
 
-advance_at: Compiled = _called if _INTERPRETED else intrinsic(_call)
+advance_at: Compiled = intrinsic(_call)
 """A step by its address, within a compiled loop: (address, p, state, u, v, a, current, dt) -> force (N).
 
 As `kernel.advance_of`; p and state are contiguous.
