@@ -79,18 +79,19 @@ def _regression(
         return Reference("regression", None, None, "tests with and without cycles cannot be used for training together")
     most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))
     whole = _learnt([_spaced(test, most) for test in fitted])
-    seen = _mean([_error(whole, _spaced(test, most)) for test in fitted])
+    seen = _mean(_errors(whole, fitted, most))
     if held_out:
-        return _regressed(seen, [(_error(whole, _spaced(test, most)), test, fitted) for test in held_out])
+        errors = _errors(whole, held_out, most)
+        return _regressed(seen, [(error, test, fitted) for error, test in zip(errors, held_out, strict=True)])
     folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
     if len(folds) < 2:
         return Reference("regression", None, seen, "all tests have the same motion, so none can be held out")
-    errors: list[tuple[float, Measurement, Sequence[Measurement]]] = []
+    unseen: list[tuple[float, Measurement, Sequence[Measurement]]] = []
     for fold in folds:
         rest = [test for other in folds if other is not fold for test in other]
         learnt = _learnt([_spaced(test, most) for test in rest])
-        errors += [(_error(learnt, _spaced(test, most)), test, rest) for test in fold]
-    return _regressed(seen, errors)
+        unseen += [(error, test, rest) for error, test in zip(_errors(learnt, fold, most), fold, strict=True)]
+    return _regressed(seen, unseen)
 
 
 def _regressed(
@@ -157,10 +158,16 @@ def _way_m(u_m: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(np.abs(u_m - u_m[np.maximum.accumulate(last)]), FARTHEST_M))
 
 
-def _error(learnt: GradientBoostingRegressor, test: Measurement) -> float:
-    """Error (% of peak) of a test."""
-    difference = (learnt.predict(_inputs(test)) - test.force_N)[test.scored]
-    return 100.0 * float(np.sqrt(np.mean(difference**2) + test.scatter_N**2)) / test.peak_force_N
+def _errors(learnt: GradientBoostingRegressor, tests: Sequence[Measurement], most: int) -> list[float]:
+    """Error (% of peak) of each test, all predicted at once."""
+    tests = [_spaced(test, most) for test in tests]
+    ends = np.cumsum([test.u_m.size for test in tests])
+    predicted = np.split(learnt.predict(np.vstack([_inputs(test) for test in tests])), ends[:-1])
+    errors = []
+    for force_N, test in zip(predicted, tests, strict=True):
+        power_N2 = float(np.mean((force_N - test.force_N)[test.scored] ** 2)) + test.scatter_N**2
+        errors.append(100.0 * math.sqrt(power_N2) / test.peak_force_N)
+    return errors
 
 
 def _mean(errors: Sequence[float]) -> float | None:

@@ -139,8 +139,8 @@ def _recorded(
             raise IdentificationFailed(
                 f"holdout: none of the {count} points contains loops; only loops are used for validation"
             )
-    refuse_twice([*points, *fitted])
-    refuse_seen([*points, *fitted], [*kept_out, *held_out])
+    given: list[RecordedPoint | Measurement] = [*points, *fitted]
+    given_out: list[RecordedPoint | Measurement] = [*kept_out, *held_out]
     skews = campaign_skews([*points_of(tests, suspect=True), *points_of(others, suspect=True), *campaign])
     refused: list[str] = []
     if points or not fitted:
@@ -151,6 +151,8 @@ def _recorded(
         prepared, left_out = prepare_all(kept_out, skews, reduced)
         held_out += prepared
         refused += left_out
+    refuse_twice(given)  # reads forces: before the preparation, a point would count as changed in memory
+    refuse_seen(given, given_out)
     lag, unusable_steps = lag_of(recorded)
     return _moving(FitInputs(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points)))
 
