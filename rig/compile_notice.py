@@ -1,4 +1,7 @@
-"""Notice to a command that damper models are being compiled, given by `rig.dampers.compiled_cache`.
+"""Notice to a command that it has to wait.
+
+Damper models are being compiled (reported by `rig.dampers.compiled_cache`), or no worker of a Dask scheduler is
+connected yet (`rig.jobs.cluster`).
 
 This is a separate module, because a command sets the notice before it is known whether anything is compiled; numba is
 not loaded for this.
@@ -14,10 +17,11 @@ TEXT = "Compiling damper models for this computer (first use only, up to 15 s on
 
 @dataclass
 class Notice:
-    """Callback for the compilation of models.
+    """Callback for the reason of a wait.
 
     Attributes:
-        report: called once per process with `TEXT`, from another thread; None: nothing is reported.
+        report: called with one line of text: once per process with `TEXT`, from another thread, and once per connection
+            to a scheduler without workers; None: nothing is reported.
         after_s: total compilation time after which `report` is called (s).
     """
 

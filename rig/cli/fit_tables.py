@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from rig.cli.tables import number
 from rig.document.blocks import Block, Blocks, Column, Listing, Note, Paragraph, Row, Table, table
 from rig.document.words import FAIR, PLAIN, POOR
-from rig.fits.entries import ErrorSummary, Estimate
+from rig.fits.entries import Cause, ErrorSummary, Estimate
 from rig.fits.fit_file import INTERVAL
 from rig.fits.fit_record import FitRecord
 from rig.fits.summary import INADEQUATE
@@ -25,7 +25,7 @@ def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blo
     if fit.adequate is False:
         lines.append(Note(POOR, INADEQUATE))
     lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
-    lines += [Note(POOR, f"probable cause: {cause.text}") for cause in fit.diagnosis[:1]]
+    lines += [_found(cause, "") for cause in fit.diagnosis[:1]]
     lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
     if fit.next_tests:
         count = "1 further test" if len(fit.next_tests) == 1 else f"{len(fit.next_tests)} further tests"
@@ -117,13 +117,19 @@ def _remarks(fit: FitRecord) -> Blocks:
         lines.append(Paragraph(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
     for place, cause in enumerate(fit.diagnosis, 1):
-        lines.append(Note(POOR if place == 1 else PLAIN, f"probable cause {place}: {cause.text}"))
+        lines.append(_found(cause, f" {place}"))
         lines.append(Paragraph(f"  next step: {cause.next}"))
     for proposal in fit.next_tests:
         lines.append(Paragraph(f"next test: {proposal.text}; lines for the matrix file:"))
         lines.append(Listing(proposal.toml.strip()))
     lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
     return lines
+
+
+def _found(cause: Cause, place: str) -> Note:
+    """An entry of the diagnosis; the first cause of a misfit is shown as a problem."""
+    severity = PLAIN if place not in {"", " 1"} else POOR if cause.of_misfit else FAIR
+    return Note(severity, f"{'probable cause' if cause.of_misfit else 'observation'}{place}: {cause.text}")
 
 
 def _measures(error: ErrorSummary) -> str:

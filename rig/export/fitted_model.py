@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.catalogue import PRINTED
 from rig.dampers.covered import Covered
+from rig.dampers.current_law_model import PLUS
 from rig.dampers.model import DamperModel
 from rig.fits.fit_record import FitRecord
 
@@ -63,8 +65,9 @@ class FittedModel:
 
     def described(self) -> list[str]:
         """Lines for people: model, equation, units, ranges, parameters with intervals, covariance, hash of the fit."""
+        form = f", hysteresis form {self.model.hysteresis}" if self.model.name.partition(PLUS)[0] in PRINTED else ""
         lines = [
-            f"Damper model {self.model.name}, hysteresis form {self.model.hysteresis}, fitted by mr-damper-rig.",
+            f"Damper model {self.model.name}{form}, fitted by mr-damper-rig.",
             f"Equation: {self.model.equation}",
             "Extension u (m about mid-stroke), velocity v (m/s, > 0 in rebound), acceleration a (m/s^2),",
             "current I (A, in the coil, after its lag); force F (N, > 0 if it resists extension).",

@@ -255,6 +255,11 @@ class Cause:
     explains: float
     next: str
 
+    @property
+    def of_misfit(self) -> bool:
+        """Whether it explains a part of the misfit; otherwise people read it as an observation."""
+        return self.explains > 0.0
+
 
 @dataclass(frozen=True)
 class SeriesSpring:

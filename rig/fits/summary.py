@@ -55,6 +55,7 @@ def _blocks(fit: FitRecord) -> Blocks:
     severity, verdict = ADEQUACY[fit.adequate]
     shown = dict(list(fit.parameters.items())[:MOST_PARAMETERS])
     hidden = len(fit.parameters) - len(shown)
+    causes, observations = ([one.text for one in fit.diagnosis if one.of_misfit is kind] for kind in (True, False))
     return [
         Heading(f"Fit of {fit.model}{by} to {tests} test{'s' * (tests != 1)}", 3),
         Note(severity, verdict),
@@ -63,7 +64,8 @@ def _blocks(fit: FitRecord) -> Blocks:
         *([Paragraph(f"{hidden} more parameters: fit.params")] if hidden else []),
         *([Paragraph(f"Tested: {_tested(fit.tested)}")] if fit.tested is not None else []),
         *_undetermined(fit),
-        *_remarks("Probable cause of the misfit", [cause.text for cause in fit.diagnosis], "fit.diagnosis"),
+        *_remarks("Probable cause of the misfit", causes, "fit.diagnosis"),
+        *_remarks("Observation", observations, "fit.diagnosis"),
         *_remarks("Warning", fit.warnings, "fit.warnings"),
     ]
 

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from drivers.plugins import DAMPER_MODELS, METHODS, found
+from rig.compile_notice import NOTICE
 from rig.errors import FileProblem, RigError
 from rig.extras import how_to_install
 from rig.jobs.workers import (
@@ -51,6 +52,8 @@ ANSWER_WITHIN_S = 10.0
 NO_WORKERS_S = 60.0
 """Time without any worker after which the work is stopped (s)."""
 COUNTED_EVERY_S = 2.0
+LOOKED_EVERY_S = 0.2
+"""Interval at which the first worker is awaited (s)."""
 END_BYTES = 65_536
 """Number of bytes at the beginning and end of a file that are compared."""
 LIBRARIES = ("numpy", "scipy", "numba")
@@ -70,9 +73,10 @@ def cluster(address: str) -> Iterator[Cluster]:
         The workers of the scheduler.
 
     Raises:
-        RigError: Dask is not installed, no scheduler answers at the address, it has no workers, or a worker has another
-            version of this software or of its libraries.
-        WorkersFailed: the connection was lost, no worker was left, or workers kept ending during one job.
+        RigError: Dask is not installed, no scheduler answers at the address, or a worker has another version of this
+            software or of its libraries.
+        WorkersFailed: the connection was lost, no worker was connected for `NO_WORKERS_S`, or workers kept ending
+            during one job.
     """
     try:
         from distributed import Client, KilledWorker
@@ -98,6 +102,7 @@ def cluster(address: str) -> Iterator[Cluster]:
         ) from error
     try:
         workers = Cluster(client, address)
+        workers.wait_for_first()
         workers.check_software()
         yield workers
         workers.forget()
@@ -222,6 +227,19 @@ class Cluster(RemoteWorkers):
             return answers
         return {}
 
+    def wait_for_first(self) -> None:
+        """Wait until a worker is connected, and report that once if there is none at first.
+
+        Raises:
+            WorkersFailed: the connection was lost, or no worker has connected within `NO_WORKERS_S`.
+        """
+        self._look()
+        if self._alone_since_s is not None and NOTICE.report is not None:
+            NOTICE.report(f"Dask scheduler {self.address}: waiting up to {NO_WORKERS_S:g} s for a worker ...")
+        while self._alone_since_s is not None:
+            time.sleep(LOOKED_EVERY_S)
+            self._look()
+
     def check_software(self, expected: Mapping[str, str] | None = None) -> None:
         """Check that every worker and the scheduler run the same version of the software and of its libraries.
 
@@ -229,14 +247,9 @@ class Cluster(RemoteWorkers):
             expected: versions by name; None: those of this computer.
 
         Raises:
-            RigError: there is no worker, or a worker (named in the message) differs.
+            RigError: a worker (named in the message) or the scheduler differs.
         """
         expected = self._software if expected is None else expected
-        if not self._nthreads():
-            raise RigError(
-                f"Dask scheduler {self.address}: no workers connected. Fix: start a worker with "
-                f"`dask worker {self.address} --nthreads 1`"
-            )
         answers: dict[str, Any] = self._client.run(_software, on_error="return")
         for worker, answer in sorted(answers.items()):
             _check_versions(f"worker {worker}", answer, expected)

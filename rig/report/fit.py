@@ -217,7 +217,8 @@ def _diagnosis(fit: FitRecord) -> Blocks:
         "no share of the misfit assigned."
     )
     head: list[Head] = [Column("Cause"), Column("Finding"), Column("Explains", "%", True), Column("Next step")]
-    return [*section("Probable causes of the misfit", note, 3), table(head, rows)]
+    title = "Probable causes of the misfit" if any(cause.of_misfit for cause in fit.diagnosis) else "Observations"
+    return [*section(title, note, 3), table(head, rows)]
 
 
 def _next_tests(fit: FitRecord, display: Display) -> Blocks:

@@ -17,6 +17,7 @@ class OctavePrinter(Printer):
         "while", "i", "j", "e", "pi", "result",
     ))  # fmt: skip
     infinity = "Inf"
+    negation = "~"
     not_equal = "~="
     closing = "end"
 

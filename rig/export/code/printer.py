@@ -34,6 +34,7 @@ class Printer(ABC):
 
     reserved: ClassVar[frozenset[str]]
     infinity: ClassVar[str]
+    negation: ClassVar[str] = "!"
     not_equal: ClassVar[str] = "!="
     closing: ClassVar[str]
 
@@ -157,7 +158,7 @@ class Printer(ABC):
             case ast.UnaryOp(op=ast.USub()):
                 return f"-{self.text(node.operand, UNARY)}", UNARY
             case ast.UnaryOp(op=ast.Not()):
-                return f"!({self.text(node.operand)})", UNARY
+                return f"{self.negation}({self.text(node.operand)})", UNARY
             case ast.BinOp(op=ast.Pow()):
                 return self.power(node.left, node.right)
             case ast.BinOp(op=ast.FloorDiv()):

@@ -87,6 +87,17 @@ def as_close_as_required(model: DamperModel, found: np.ndarray, expected: np.nda
     assert np.ptp(expected) > 100.0  # the motion makes a force worth comparing
 
 
+OCTAVE_ONLY = re.compile(
+    r"""[!#"]|\*\*|[-+*/^|&]=|\+\+|--|\)\(|\b(?:printf|do|until|unwind_protect|endfunction|endif|endwhile|endfor|end_\w+)\b"""
+)
+
+
+def check_matlab_reads(file: Path) -> None:
+    """Nothing in it is Octave's alone, such as `!x`, `x != y`, `x += y`, `f(x)(1)` or `endif`."""
+    code = [line.partition("%")[0] for line in file.read_text().splitlines()]
+    assert [line for line in code if OCTAVE_ONLY.search(line)] == []
+
+
 MAIN = """#include <stdio.h>
 #include "damper_{name}.h"
 int main(void) {{
@@ -129,6 +140,7 @@ def test_octave_runs_every_model_and_its_force_is_the_models(tmp_path: Path) -> 
     for name, model in zip(NAMED, CATALOGUE, strict=True):
         (file,) = export(written(model, tmp_path / name), "octave", tmp_path / name)
         assert file.name == f"damper_{model.name}.m"
+        check_matlab_reads(file)
         script += [
             f"addpath('{name}'); clear damper_{model.name}; F = damper_{model.name}(u, v, a, c, 1e-3);",
             f"[A, d] = damper_{model.name}(u(1:h), v(1:h), a(1:h), c(1:h), 1e-3);",  # in two pieces: the same
@@ -190,7 +202,9 @@ def test_models_behind_a_current_law_are_what_they_are_in_c_octave_and_python(tm
         (tmp_path / "fit.json").write_text(json.dumps(
             {"model": text, "hysteresis": lawed.hysteresis, "parameters": parameters,
              "tested": {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]}}))
-        stem = export(tmp_path / "fit.json", "octave", tmp_path)[0].stem
+        (file,) = export(tmp_path / "fit.json", "octave", tmp_path)
+        check_matlab_reads(file)
+        stem = file.stem
         expected[stem] = lawed, np.asarray(lawed.force(values, *motion(), DT_S))
         script.append(f"F = {stem}(x(:,1), x(:,2), x(:,3), x(:,4), 1e-3);")
         script.append(f"save('-ascii', '-double', '{stem}.txt', 'F');")

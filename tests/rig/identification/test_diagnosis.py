@@ -327,7 +327,8 @@ def test_an_offset_of_a_damper_that_resists_rebound_more_is_no_reversed_sign() -
     fit = identify(pushed)
     assert fit.adequate
     assert (named_first(fit), fit.diagnosis[0].explains) == ("force-offset", 0.0)
-    assert "+200 N" in fit.diagnosis[0].text
+    assert "Observation: the mean force at low speed is +200 N" in str(fit)
+    assert "Probable cause" not in str(fit)
     assert identify(damper_tests(values_of=lambda number: {**DEMO, "F0": 0.0})).diagnosis == ()
 
 

@@ -65,6 +65,22 @@ def test_a_worker_that_cannot_load_a_shared_value_ends_the_work(workers: Cluster
         workers.in_order([Job("a", isinstance, (shared, int))])
 
 
+def test_the_first_worker_is_awaited_and_its_absence_ends_the_wait(
+    workers: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines: list[str] = []
+    connected = iter([{}, {}, {"inproc://worker": 1}])
+    monkeypatch.setattr(module, "LOOKED_EVERY_S", 0.0)
+    monkeypatch.setattr(module.NOTICE, "report", lines.append)
+    monkeypatch.setattr(workers, "_nthreads", lambda: next(connected))
+    workers.wait_for_first()
+    assert lines == [f"Dask scheduler {workers.address}: waiting up to 60 s for a worker ..."]
+    monkeypatch.setattr(module, "NO_WORKERS_S", 0.0)
+    monkeypatch.setattr(workers, "_nthreads", dict)
+    with pytest.raises(WorkersFailed, match=r"no workers connected for 0 s. Fix: start a worker with `dask worker"):
+        workers.wait_for_first()
+
+
 def test_a_worker_that_reads_other_files_is_named_before_work_starts(workers: Cluster, tmp_path: Path) -> None:
     here = tmp_path / "here.h5"
     with pytest.raises(FileProblem, match=r"here.h5: cannot be read"):
