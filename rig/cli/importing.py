@@ -249,7 +249,7 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
         FileProblem: the problem that was given, if it is another one or nothing is to be listed.
     """
     # load h5py: not needed for the help
-    from rig.recording.external_tests import column_lists
+    from rig.recording.external_tests import column_lists, current_hint
     from rig.recording.file_formats.columns import no_column
     from rig.recording.file_formats.table_file import Dialect
 
@@ -266,11 +266,19 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
                         soft_wrap=True)
         chosen = " ".join(hints.get(quantity) or f"--column {quantity}=NAME"
                           for quantity in ("time", "displacement", "force"))
-        current = hints.get("current") or "--current '0.5 A'"
-        shown.print(f"Nothing was imported. Specify the columns:\n  rig import {shlex.join(map(str, files[:3]))}"
-                    f"{' ...' * (len(files) > 3)} {chosen} {current}", markup=False, soft_wrap=True)
+        current = hints.get("current") or current_hint(files)
+        shown.print(f"Nothing was imported. Specify the columns:\n  rig import {_as_typed(files)} {chosen} {current}",
+                    markup=False, soft_wrap=True)
         break
     return EXIT_USAGE
+
+
+def _as_typed(files: Sequence[Path]) -> str:
+    """The files for a shell: as a pattern, if one matches exactly these and they are more than three."""
+    folder, suffix = files[0].parent, files[0].suffix
+    if len(files) > 3 and {*files} == {*folder.glob(f"*{suffix}")}:
+        return f"{shlex.quote(str(folder))}/*{suffix}"
+    return shlex.join(map(str, files))
 
 
 def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:

@@ -21,10 +21,11 @@ from rig.recording.file_formats.columns import (
     check_choices,
     choose,
     suggestions,
+    unit_stated,
 )
 from rig.recording.file_formats.file_layout import FileLayout
 from rig.recording.file_formats.formats import open_file
-from rig.recording.file_formats.named_columns import stated_columns
+from rig.recording.file_formats.named_columns import FILE_QUANTITIES, stated_columns
 from rig.recording.file_formats.table_file import Break, Dialect, TableFile, check_equal_lengths
 from rig.recording.file_formats.together import brought_together
 from rig.signals.arrays import FloatArray
@@ -55,6 +56,8 @@ USUAL_NO_VALUE = tuple(sign * number for number in (
 """Numbers by which programs write that there is no value (SCPI: 9.9e37 is overflow, 9.91e37 no number)."""
 NO_VALUE_JUMP = 3.0
 """Such a number is that many times the largest step of the column away from its neighbours."""
+IN_NAMES = "_(?P<current>[0-9.]+)A"
+"""Usual pattern of a current in the name of a file."""
 RATE = "sample-rate"
 INVERTED = "signs of displacement and force inverted (compression was positive)"
 DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
@@ -147,7 +150,7 @@ def read_tests(files: Sequence[Path], settings: ImportSettings) -> list[Imported
     if not files:
         raise FileProblem("import", ["no files given"])
     if problems:
-        raise FileProblem("import", [f"{named_files(where)}: {problem}" for problem, where in problems.items()])
+        raise FileProblem("import", grouped(problems))
     return tests
 
 
@@ -173,6 +176,11 @@ def _inverts(scale: str | float | None) -> bool:
         return scale is not None and float(scale) < 0.0
     except ValueError:
         return False
+
+
+def grouped(problems: Mapping[str, Sequence[Path]]) -> list[str]:
+    """One line for each problem, with the files that have it."""
+    return [f"{named_files(where)}: {problem}" for problem, where in problems.items()]
 
 
 def named_files(files: Sequence[Path]) -> str:
@@ -234,7 +242,9 @@ def _tests_of(
 
 
 def _with_stated(file: Path, opened: TableFile, settings: ImportSettings) -> ImportSettings:
-    """The settings with what the file states: columns by their names, where the user names none, and its description.
+    """The settings with what the file states: its description, and columns by their names.
+
+    Columns are taken by their names where the user does not name both displacement and force.
 
     Raises:
         FileProblem: several columns state the same quantity.
@@ -245,16 +255,20 @@ def _with_stated(file: Path, opened: TableFile, settings: ImportSettings) -> Imp
         with contextlib.suppress(ValueError):
             current_A = float(described["current_A"])
     settings = replace(settings, described=described, current_A=current_A)
-    if settings.columns:
+    given = settings.columns
+    if {*REQUIRED} <= given.keys():
         return settings
     try:
-        stated = stated_columns(opened.columns)
+        stated = stated_columns(opened.columns, given)
     except FileProblem as error:
         raise FileProblem(str(file), error.problems) from error
     if settings.rate_Hz is not None:
         stated.pop("time", None)
-    # Part of them would be of no use: a user who then names the others has to name all.
-    return replace(settings, columns=stated) if {*REQUIRED} <= stated.keys() else settings
+    if "voltage" in given:
+        stated.pop("commanded_current", None)
+    columns = {**stated, **given}
+    # Without any choice of the user, part of them would be of no use: a user who then names the others names all.
+    return replace(settings, columns=columns) if given or {*REQUIRED} <= columns.keys() else settings
 
 
 @dataclass(frozen=True)
@@ -406,7 +420,7 @@ def column_lists(
         FileProblem: the file cannot be read.
     """
     for name, opened in open_file(file, dialect)[0]:
-        columns = [(one.full or one.name, one.unit) for one in opened.columns]
+        columns = [(one.full or one.name, unit_stated(one)) for one in opened.columns]
         hints = suggestions(opened.columns, [*REQUIRED, "time", "current"])
         yield f"{f', {name}' if name else ''}: {opened.read_as}", columns, hints
 
@@ -422,7 +436,9 @@ def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[st
         if {"voltage", "commanded_current"} <= settings.columns.keys():
             raise FileProblem("--column", ["voltage and commanded_current both specify the coil command. Fix: use "
                 "only one of them"])
-        return choose(opened.columns, settings.columns, opened.is_stamps, settings.scales)
+        chosen = choose(opened.columns, settings.columns, opened.is_stamps, settings.scales)
+        if "time" not in chosen and settings.rate_Hz is None:
+            chosen = {**_named_time(opened, [one.place for one in chosen.values()], settings), **chosen}
     except FileProblem as error:
         absent = [name for name in (*REQUIRED, "time") if name not in settings.columns]
         if not absent:
@@ -434,6 +450,18 @@ def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[st
             *error.problems, f"read as {opened.read_as}; its columns: {', '.join(shown)}",
             *([f"perhaps {hint}"] if hint else []),
         ]) from error  # fmt: skip
+    return chosen
+
+
+def _named_time(opened: TableFile, places: Sequence[int], settings: ImportSettings) -> dict[str, ColumnChoice]:
+    """The column that states the time by its name, in a file whose format has no time for these columns."""
+    try:
+        stated = stated_columns(opened.columns, dict.fromkeys(FILE_QUANTITIES.values(), ""))
+    except FileProblem:  # several do: the user has to choose, unless the format has the time
+        return {}
+    if not stated or opened.own_time(places) is not None:
+        return {}
+    return choose(opened.columns, stated, opened.is_stamps, settings.scales)
 
 
 def _table(
@@ -601,6 +629,17 @@ def _too_large(table: Mapping[str, FloatArray], source: Mapping[str, str]) -> It
             )
 
 
+def current_hint(files: Sequence[Path]) -> str:
+    """The option that states the current: by the names of the files, if all contain one, else to be filled in."""
+    pattern = Pattern(IN_NAMES)
+    for file in files:
+        try:
+            _nominal_A(file.name, None, ImportSettings({}), pattern)
+        except ValueError:
+            return "--current '... A'"
+    return f"--current-from-name '{IN_NAMES}'"
+
+
 def _nominal_A(
     name: str, known: FloatArray | None, settings: ImportSettings, pattern: Pattern | None
 ) -> float:
@@ -616,7 +655,7 @@ def _nominal_A(
     if pattern is None and settings.current_A is None:
         raise ValueError(
             "unknown coil current. Fix: name a column (--column current=i_A), a value (--current '0.5 A') or the "
-            "pattern of the file name (--current-from-name '_(?P<current>[0-9.]+)A')",
+            f"pattern of the file name (--current-from-name '{IN_NAMES}')",
         )
     if pattern is None:
         return float(settings.current_A or 0.0)

@@ -6,6 +6,8 @@ import csv
 import glob
 import math
 import os
+import re
+import shlex
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +19,7 @@ import numpy as np
 
 from rig.campaign_folder import CampaignFolder, run_path
 from rig.errors import DataWarning, FileProblem
-from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, grouped, read_tests
 from rig.recording.file_formats.columns import choose
 from rig.recording.file_formats.named_columns import FILE_QUANTITIES, named_quantity
 from rig.recording.file_formats.table_file import TableColumn
@@ -45,6 +47,7 @@ ENDINGS = frozenset((
 """Of files that are taken from a folder; a file that is named may have any."""
 LIST_OF_POINTS = "points.csv"
 """What our CSV export lists its points in."""
+ONE_COLUMN = r"--column (?:'[^']*'|[^\s'(),]+)"
 LIST_LIMIT_BYTES = 1 << 24
 CHANNEL = {"time": "time", **{quantity: channel for channel, quantity in FILE_QUANTITIES.items()}}
 """Quantity -> channel of a point, and the name of a table's column."""
@@ -270,11 +273,10 @@ def _points_of_files(
         FileProblem: one line for each problem in any of the files.
     """
     tests: list[ImportedTest] = []
-    problems: list[str] = []
+    problems: dict[str, list[Path]] = {}
     places = [file.resolve() for file in files]
     given = Counter(places)
     twice = sorted({str(file) for file, place in zip(files, places, strict=True) if given[place] > 1})
-    problems += [f"{file} is given more than once. Fix: specify each file only once" for file in twice]
     exports = {file.parent for file in files if file.suffix == ".csv"}
     lists = {folder: _listed(folder / LIST_OF_POINTS) for folder in exports}
     for file, one_A in zip(files, current_A, strict=True):
@@ -286,13 +288,29 @@ def _points_of_files(
         try:
             tests += read_tests([file], settings)
         except FileProblem as error:
-            problems += [problem if str(file) in problem else f"{file}: {problem}" for problem in error.problems]
-    if problems:
+            for problem in error.problems:
+                problems.setdefault(_in_python(problem.removeprefix(f"{file}: ")), []).append(file)
+    if problems or twice:
         way_out = "In Python, specify the columns with rig.load(FILES, columns={'displacement': 'NAME:mm', 'force': "\
             "'NAME:N', 'time': 'NAME:s'}, current_A=0.5)"
         columns = any("column" in problem or "current" in problem for problem in problems)
-        raise FileProblem("load", [*problems, *([way_out] if columns else [])])
+        raise FileProblem("load", [
+            *(f"{file} is given more than once. Fix: specify each file only once" for file in twice),
+            *grouped(problems), *([way_out] if columns else []),
+        ])  # fmt: skip
     return [point for test in tests for point in _points_of_test(test, options)]
+
+
+def _in_python(problem: str) -> str:
+    """A problem of a file with the arguments of `load` in place of the options of `rig import`."""
+
+    def columns(found: re.Match[str]) -> str:
+        pairs = dict(text.split("=", 1) for text in shlex.split(found[0]) if text != "--column")
+        return f"columns={pairs!r}"
+
+    text = re.sub(rf"{ONE_COLUMN}(?: {ONE_COLUMN})*", columns, problem)
+    text = re.sub(r"--current '([0-9.]+) A'", r"current_A=\1", text)
+    return re.sub(r"--current-from-name (?=')", "current_from_name=", text).replace("--rate", "rate_Hz")
 
 
 def _points_of_test(test: ImportedTest, options: LoadOptions) -> list[RecordedPoint]:

@@ -128,6 +128,17 @@ def test_tests_in_memory_are_those_of_an_imported_run_and_of_the_command(
         assert one.force_N == pytest.approx(other.force_N, rel=1e-6)
 
 
+def test_a_problem_of_many_files_is_one_line_in_words_of_python(tmp_path: Path) -> None:
+    for name in ("a", "b", "c", "d"):
+        (tmp_path / f"{name}.csv").write_text("t_s,Kraft,x_m\n" + "0.1,2,3\n" * 20)
+    with pytest.raises(rig.RigError) as caught:
+        rig.load(tmp_path, columns={"displacement": "x_m"})
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 4
+    assert lines[0].endswith("c.csv and 1 more: force: no column given. Fix: write columns={'force': 'NAME'}")
+    assert lines[2].endswith("perhaps columns={'force': 'Kraft:N'}")
+
+
 @pytest.mark.parametrize("form", ["csv", "parquet", "netcdf", "mat", "mf4"])
 def test_our_own_exports_are_read_back_with_the_same_fit(form: str, run: rig.Run, fit: rig.Fit, tmp_path: Path) -> None:
     spoiled = replace(run[3], verdict="invalid", reasons=("by hand",))

@@ -19,7 +19,7 @@ from rig.recording.file_formats.file_units import (
     units_for,
 )
 from rig.recording.file_formats.table_file import TableColumn
-from rig.units import Unit, key_suffixes, units_of
+from rig.units import DIMENSIONS, Unit, key_suffixes, units_of
 
 REQUIRED = ("displacement", "force")
 MOST_SHOWN = 40
@@ -41,6 +41,7 @@ NOT_MEASURED = frozenset((
     "max", "peak", "mean", "avg", "rate", "error", "limit", "count", "counter", "number", "index",
 ))  # fmt: skip
 """Words in the names of columns that hold something else than the measured quantity."""
+BY_NAME = "by its name"
 CERTAIN = 2
 """A column that looks less like a quantity is not suggested."""
 
@@ -248,7 +249,7 @@ def _unit(column: TableColumn, given: str, dimension: str) -> tuple[str, str]:
         if not by_name:
             raise ValueError("unknown unit. Fix: append the unit to the column name (x_mm), write it after a colon "
                 f"({column.name}:{units_of(dimension)[0]}), or specify a sensitivity with --scale")  # fmt: skip
-        return by_name, "by its name"
+        return by_name, BY_NAME
     problem = (f"the file states the unit {column.unit!r}, which is not a unit of {dimension} ({units}). Fix: "
         "write the unit after a colon, or specify a sensitivity with --scale")  # fmt: skip
     by_file = _of(column.unit, dimension, problem)
@@ -256,6 +257,15 @@ def _unit(column: TableColumn, given: str, dimension: str) -> tuple[str, str]:
         raise ValueError(f"the column name states {by_name}, but the file states {by_file}. Fix: write the correct "
             "unit after a colon")
     return by_file, "the file says"
+
+
+def unit_stated(column: TableColumn) -> str:
+    """The unit of a column for people, as the file or the column's name states it; empty where neither does."""
+    if column.unit:
+        return column.unit
+    suffixes = {end: unit for dimension in DIMENSIONS for end, unit in key_suffixes(dimension).items()}
+    named = max((end for end in suffixes if column.name.endswith(f"_{end}")), key=len, default="")
+    return f"{suffixes[named]}, {BY_NAME}" if named else ""
 
 
 def _suffix_unit(name: str, dimension: str) -> str:

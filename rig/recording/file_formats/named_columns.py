@@ -77,12 +77,17 @@ def named_quantity(name: str, more: Mapping[str, tuple[str, str]] | None = None)
     return None
 
 
-def stated_columns(columns: Sequence[TableColumn]) -> dict[str, str]:
+def stated_columns(columns: Sequence[TableColumn], given: Mapping[str, str] | None = None) -> dict[str, str]:
     """Quantity -> column of a file whose name states the quantity and whose name or file states the unit.
+
+    Args:
+        columns: the file's.
+        given: quantity -> column as the user specifies it; these quantities and columns are left out.
 
     Raises:
         FileProblem: (without the file's name) several columns state the same quantity.
     """
+    given = given or {}
     labels_of: dict[str, list[str]] = {}
     names = [column.name for column in columns]
     for place, column in enumerate(columns):
@@ -93,6 +98,10 @@ def stated_columns(columns: Sequence[TableColumn]) -> dict[str, str]:
                 labels_of.setdefault(FILE_QUANTITIES[stated.channel], []).append(label)
         elif time_name(column.name) in TIMES and ("_" in time_name(column.name) or named_unit(column.unit, "time")):
             labels_of.setdefault("time", []).append(label)
+    labels_of = {
+        quantity: left for quantity, labels in labels_of.items()
+        if quantity not in given and (left := [label for label in labels if label not in given.values()])
+    }  # fmt: skip
     twice = [
         f"columns {' and '.join(map(repr, labels))} both contain the {quantity}. Fix: specify the column to use for "
         f"the {quantity}" for quantity, labels in labels_of.items() if len(labels) > 1

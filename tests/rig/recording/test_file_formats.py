@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
+from rig.recording.external_tests import ImportedTest, ImportSettings, column_lists, current_hint, read_tests
 from rig.recording.file_formats.csv_file import CsvFile
 from rig.recording.file_formats.table_file import Dialect
 from rig.signals.plausibility import TestSize, doubts
@@ -149,6 +149,24 @@ def test_units_and_names_that_do_not_fit_are_all_reported(
         read(tmp_path / "a.csv", time="t_s", force="nowhere:kN", **columns)
     assert problem in str(caught.value)
     assert "no column 'nowhere'" in str(caught.value)
+
+
+def test_quantities_that_are_not_specified_are_read_by_their_standard_names(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t_s;displacement_mm;F;F2_kN\n" + rows(";", ".").replace("\n", ";1\n"))
+    test = read(tmp_path / "a.csv", force="F:kN")
+    check(test)
+    assert list(test.choices) == ["time", "displacement", "force"]
+    check(read(tmp_path / "a.csv", force="F:kN", displacement="displacement_mm"))
+    with pytest.raises(FileProblem, match=r"force: no column given"):
+        read(tmp_path / "a.csv", displacement="displacement_mm")
+
+
+def test_the_list_of_columns_states_each_unit_and_the_option_for_the_current(tmp_path: Path) -> None:
+    (tmp_path / "a_0.5A.csv").write_text("t_s;x;v_m_s;F [kN]\n" + rows(";", ".").replace("\n", ";1\n"))
+    ((_, columns, _),) = column_lists(tmp_path / "a_0.5A.csv", Dialect())
+    assert [unit for _, unit in columns] == ["s, by its name", "", "m/s, by its name", "kN"]
+    assert current_hint([tmp_path / "a_0.5A.csv"]) == "--current-from-name '_(?P<current>[0-9.]+)A'"
+    assert current_hint([tmp_path / "a_0.5A.csv", tmp_path / "b_2015A.csv"]) == "--current '... A'"
 
 
 def test_without_columns_the_file_is_shown_with_what_may_be_meant(tmp_path: Path) -> None:
