@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 FIELDS = {"rate": "rate_Hz", "current": "current_A", "mid_stroke": "mid_stroke_m"}
 """Names of options whose field in the import's settings has the unit in its name."""
+SHEET = re.compile(r"sheet '[^']*'")
+"""A sheet in the text of how a workbook was read."""
 OTHER_SHARE = 0.25
 """Of a record: a larger share of ramps and other motion is stated on the screen, of less only in JSON and file."""
 
@@ -203,9 +206,11 @@ def command(
     if dry_run:
         parts = every_part(tests, preset.waveform)
         for part in parts if not as_json else ():
-            if part.number:
-                begin_s, end_s = part.start_s, part.start_s + float(part.test.time_s[-1])
-                say(f"{part.test.source}: motion {part.number} of {part.count}, {begin_s:.4g} to {end_s:.4g} s")
+            end_s = float(part.test.time_s[-1])
+            motion = f", motion {part.number} of {part.count}" if part.number else ""
+            named = f", {part.test.part}" if part.test.part else ""
+            say(f"{part.test.source}{named}{motion}: {part.start_s:.4g} to {part.start_s + end_s:.4g} s, "
+                f"{len(part.test.time_s)} rows, {part.test.nominal_current_A:.4g} A")
         if as_json:
             listed = [{"file": part.test.source, "part": part.test.part, "read_as": part.test.read_as,
                        "rows": len(part.test.time_s), "current_A": part.test.nominal_current_A,
@@ -223,13 +228,16 @@ def _show_how_read(tests: Sequence[ImportedTest]) -> None:
     # loads h5py: not needed for the help
     from rig.recording.external_tests import named_files
 
-    groups: dict[str, dict[Path, None]] = {}
+    groups: dict[str, dict[str, Path]] = {}
     for test in tests:
-        groups.setdefault(test.read_as, {})[test.source] = None
+        groups.setdefault(SHEET.sub("sheet ...", test.read_as), {})[test.read_as + str(test.source)] = test.source
     count = len({test.source for test in tests})
-    for read_as, files in groups.items():
+    for read_as, ways in groups.items():
+        files = dict.fromkeys(ways.values())
         where = f"all {count} files" if len(files) == count > 1 else named_files([*files])
-        dialect, *columns = read_as.split("; ")
+        sheets = {found[0] for way in ways if (found := SHEET.search(way))}
+        shown = f"{len(sheets)} sheets" if len(sheets) > 1 else next(iter(sheets), "")
+        dialect, *columns = read_as.replace("sheet ...", shown, 1).split("; ")
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
 
 

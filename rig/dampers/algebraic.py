@@ -260,7 +260,8 @@ class AsymmetricModel(TanhModel):
     name: ClassVar[str] = "asymmetric"
     equation: ClassVar[str] = (
         "F = m a + C(I, sgn v) v + K(I) u + Fy(I) tanh(y) + F0, C = Ca + Cb I (Ca_plus, Cb_plus for v >= 0), Fy = Fya "
-        "+ Fyb I, K = Ka + Kb I (c-FOA paper, equations 3-11)"
+        "+ Fyb I, K = Ka + Kb I, y = beta v + delta sgn u; printed form: y = beta (v + lambda sgn u) (c-FOA paper, "
+        "equations 3-11)"
     )
     energy: ClassVar[str] = (
         "the viscous and yield terms dissipate energy when they have the sign of the velocity; the tanh term with "
@@ -308,7 +309,8 @@ class SymmetricModel(TanhModel):
 
     name: ClassVar[str] = "symmetric"
     equation: ClassVar[str] = (
-        "F = m a + C(I) v + K(I) u + Fy(I) tanh(y) + F0 (c-FOA paper, equations 3-11 with C+ = C-)"
+        "F = m a + C(I) v + K(I) u + Fy(I) tanh(y) + F0, C = Ca + Cb I, Fy = Fya + Fyb I, K = Ka + Kb I, y = beta v + "
+        "delta sgn u; printed form: y = beta (v + lambda sgn u) (c-FOA paper, equations 3-11 with C+ = C-)"
     )
     energy: ClassVar[str] = "see asymmetric"
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok", "printed")

@@ -132,7 +132,7 @@ class TestError:
     residual: Residual | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ErrorSummary:
     """Errors over some tests: all samples together, and each test.
 
@@ -151,6 +151,13 @@ class ErrorSummary:
     r_squared: float = math.nan
     nrmse_percent_of_peak: float = math.nan
     per_test: tuple[TestError, ...] = ()
+
+    def __repr__(self) -> str:
+        """The errors over all tests in one line; `Fit.tests_to_pandas` lists each test."""
+        return (
+            f"<RMSE {self.rmse_N:.4g} N, MAE {self.mae_N:.4g} N, R^2 {self.r_squared:.5g}, "
+            f"{self.nrmse_percent_of_peak:.3g} % of force amplitude, {len(self.per_test)} tests>"
+        )
 
     @property
     def within_nrmse_percent_of_peak(self) -> float | None:

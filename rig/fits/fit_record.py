@@ -32,6 +32,7 @@ from rig.fits.fit_file import FIX, fit_content, fit_text, read_fit
 from rig.fits.formula import formula
 from rig.fits.parameters import Parameters
 from rig.fits.plain import APART, plain
+from rig.fits.scores import Scores
 from rig.signals.test_set import TestSetSummary
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ class FitRecord:
     error = _Of(lambda fit: fit.evaluation.error)
     holdout = _Of(lambda fit: fit.evaluation.holdout)
     adequate = _Of(lambda fit: fit.evaluation.adequate)
-    selection = _Of(lambda fit: fit.evaluation.selection)
+    selection = _Of(lambda fit: Scores(fit.evaluation.selection))
     references = _Of(lambda fit: fit.evaluation.references)
     residual_parts = _Of(lambda fit: fit.evaluation.error.residuals)
     passivity = _Of(lambda fit: fit.evaluation.passivity)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
+from protocols.near_miss import meant
 from rig.dampers import Hysteresis
 from rig.dampers.current_law import AFFINE
 from rig.identification.models.solving import SEPARABLE, Method
@@ -119,8 +120,8 @@ class FitOptions:
         own, requested = {one.name for one in fields(cls)}, dict(options.corrections)
         unknown = [name for name in changes if name not in own and name not in SETTINGS]
         if unknown:
-            known = ", ".join(sorted(own | SETTINGS.keys()))
-            raise TypeError(f"fit options: got {', '.join(unknown)}, expected {known}")
+            known = sorted(own | SETTINGS.keys())
+            raise TypeError("\n".join(f"fit options: got {name!r}; {meant(name, known)}" for name in unknown))
         requested |= {name: value for name, value in changes.items() if name in SETTINGS}
         given = {name: value for name, value in changes.items() if name in own}
         requested = {name: value for name, value in requested.items() if value != SETTINGS[name]}

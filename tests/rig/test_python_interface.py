@@ -20,8 +20,10 @@ import rig
 from rig.dampers import model
 from rig.errors import DataWarning, FileProblem, IdentificationFailed, NoSuchEntry, RigError
 from rig.export import export
-from rig.fits.entries import Cause, Estimate
+from rig.fits.entries import Cause, Estimate, ModelScore
+from rig.fits.scores import Scores
 from rig.identification import identify_run
+from rig.identification.options import FitOptions
 from rig.recording.importing import import_tests
 from rig.recording.load_options import LoadOptions
 
@@ -126,6 +128,16 @@ def test_tests_in_memory_are_those_of_an_imported_run_and_of_the_command(
         assert (one.id, one.verdict, one.current_A, one.amplitude_m) == (
             other.id, other.verdict, other.current_A, other.amplitude_m)  # fmt: skip
         assert one.force_N == pytest.approx(other.force_N, rel=1e-6)
+
+
+def test_compared_models_print_as_a_table_and_an_option_that_is_no_option_is_named() -> None:
+    scores = Scores((ModelScore("kwok", 1.5, -1234.5, 5.01, 8), ModelScore("lugre", reason="no convergence")))
+    lines = repr(scores).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert ("kwok" in lines[-2], "5.01" in lines[-2], "no convergence" in lines[-1]) == (True, True, True)
+    assert scores.to_pandas().loc["kwok", "bic"] == -1234.5
+    with pytest.raises(TypeError, match=r"got 'modl'; did you mean model\?"):
+        FitOptions.of(None, {"modl": "kwok"})
 
 
 def test_a_problem_of_many_files_is_one_line_in_words_of_python(tmp_path: Path) -> None:

@@ -387,7 +387,7 @@ class Fit(FitRecord):
         axis_over(over)
         drawn = loops(self.behind_spring.law, self.shown_tests(tests), by_current=True)
         panel = drawn.figures[1 if over == "velocity" else 0]
-        return draw_on(replace(panel, title=f"{self.model}: {LINES}", legend=True), ax)
+        return draw_on(replace(panel, title=f"{self.model}\n{LINES}", legend=True), ax)
 
     def plot_residuals(
         self, ax: Axes | None = None, *, over: Over = "velocity", tests: Source | None = None
