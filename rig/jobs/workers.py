@@ -245,6 +245,7 @@ class RemoteWorkers(Workers):
                     continue
                 if suspects and suspects[0] is job:
                     suspects.popleft()
+                failures.pop(id(job), None)  # another job may get its place in memory
                 for remark in answer.remarks:
                     warnings.warn(remark, DataWarning, stacklevel=2)
                 yield job, answer.value
