@@ -18,6 +18,7 @@ BEYOND = 0.02  # share of a range by which its ends may be passed: overshoot and
 LEAST = {"current_A": 0.02, "temperature_degC": 2.0}  # A, K: and at least so much of these
 ROOM_A = 0.05  # about a tested current, where it is the only thing known: a set-point and its error
 ROOM_OF_GAP = 0.25  # and at most so much of the least distance of two tested currents
+NEARLY_ZERO = 1e-3  # share of the larger end of a range: people read a smaller end as 0
 SHARE = 0.01  # of a test's samples that lie beyond, from which on the test does
 
 
@@ -76,9 +77,7 @@ class Covered:
 
     def describe(self) -> str:
         """The ranges in words and units."""
-        ranges = ", ".join(
-            f"{name} {value[0]:.4g} to {value[1]:.4g}" for name, value in self.ranges() if value is not None
-        )
+        ranges = ", ".join(f"{name} {ends_in_words(value)}" for name, value in self.ranges() if value is not None)
         if not self.only_at_A:
             return ranges
         currents = ", ".join(f"{current_A:.4g}" for current_A in self.only_at_A)
@@ -86,6 +85,13 @@ class Covered:
             f"{ranges}, only near the currents {currents} A (too few currents for the model to interpolate "
             "between them)"
         )
+
+
+def ends_in_words(ends: Ends) -> str:
+    """Both ends of a range; one that is nearly zero beside the other, such as the noise of a current, as 0."""
+    largest = max(map(abs, ends))
+    low, high = (f"{end:.4g}" if abs(end) > NEARLY_ZERO * largest else "0" for end in ends)
+    return f"{low} to {high}"
 
 
 def in_words(names: Iterable[str]) -> str:

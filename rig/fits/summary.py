@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from rig.dampers.covered import ends_in_words
 from rig.document.blocks import Block, Blocks, Heading, Note, Paragraph
 from rig.document.html import fragment
 from rig.document.numbers import NOTHING, number
@@ -17,8 +18,6 @@ from rig.fits.parameters import WIDTH, parameter_table
 
 UNITS = {"m": "m", "m_s": "m/s", "A": "A", "degC": "degC"}
 """End of the name of a tested quantity -> its unit."""
-NEARLY_ZERO = 1e-3
-"""Share of the range's larger end."""
 MOST_LINES = 40
 MOST_PARAMETERS = 22
 MOST_REMARKS = 3
@@ -83,8 +82,7 @@ def _tested(tested: TestedRange) -> str:
     for name, ends in tested.ranges():
         quantity, _, suffix = name.partition("_")
         if ends is not None:
-            low, high = (f"{end:.4g}" if abs(end) > NEARLY_ZERO * max(map(abs, ends)) else "0" for end in ends)
-            ranges.append(f"{quantity} {low} to {high} {UNITS[suffix]}")
+            ranges.append(f"{quantity} {ends_in_words(ends)} {UNITS[suffix]}")
     levels = ", ".join(f"{current_A:.3g}" for current_A in tested.only_at_A)
     return ", ".join(ranges) + f"; only near the currents {levels} A" * bool(levels)
 

@@ -20,7 +20,7 @@ import rig
 from rig.dampers import model
 from rig.errors import DataWarning, FileProblem, IdentificationFailed, NoSuchEntry, RigError
 from rig.export import export
-from rig.fits.entries import Cause, Estimate, ModelScore
+from rig.fits.entries import Cause, Estimate, ModelScore, TestedRange
 from rig.fits.scores import Scores
 from rig.identification import identify_run
 from rig.recording.importing import import_tests
@@ -127,6 +127,11 @@ def test_tests_in_memory_are_those_of_an_imported_run_and_of_the_command(
         assert (one.id, one.verdict, one.current_A, one.amplitude_m) == (
             other.id, other.verdict, other.current_A, other.amplitude_m)  # fmt: skip
         assert one.force_N == pytest.approx(other.force_N, rel=1e-6)
+
+
+def test_a_tested_range_that_ends_in_the_noise_of_the_current_ends_at_0() -> None:
+    tested = TestedRange(current_A=(-4.83e-5, 1.5), velocity_m_s=(-0.3, 0.3), displacement_m=(-0.02, 0.03))
+    assert tested.describe() == "displacement_m -0.02 to 0.03, velocity_m_s -0.3 to 0.3, current_A 0 to 1.5"
 
 
 def test_compared_models_print_as_a_table() -> None:
