@@ -151,7 +151,7 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         peak_speed_m_s=float(np.median(speeds_m_s[_flanks(measured.u_m)]) if on_flanks else np.max(speeds_m_s)),
         rebound_N=over_cycles(rebounds),
         jounce_N=over_cycles(jounces),
-        energy_J=over_cycles(energies_J.tolist()).with_error(resolution),
+        energy_J=_energy_J(point, measured, energies_J).with_error(resolution),
         equivalent_damping_N_s_m=over_cycles(dampings).with_error(2.0 * resolution),
         steepest_N_s=steepest_N_s(measured),
         force_scatter_N=measured.noise_N,
@@ -163,6 +163,35 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         amplitude_level_m=point.amplitude_m,
         peak_force_N=point.peak_force_N,
     )
+
+
+def _energy_J(point: RecordedPoint, measured: Measurement, energies_J: FloatArray) -> Measured:
+    """Energy of a cycle with what noise and delay leave uncertain.
+
+    Few cycles may agree by chance, so the standard error is at least that of the force's noise. A delay between force
+    and displacement is the same in all cycles and shows in no scatter.
+    """
+    mean = over_cycles(energies_J.tolist())
+    force_N, dt_s = measured.force_N[measured.scored], measured.dt_s
+    # The noise of a sum over the samples, of which each cycle has its share.
+    by_noise_J = noise_of(force_N) * dt_s * float(np.linalg.norm(measured.v_m_s)) / len(energies_J)
+    std_J = by_noise_J if by_noise_J > mean.std else mean.std
+    scored, delay_s = measured.scored, delay_std_s(point, measured)
+    slope_W = float(np.sum((measured.force_N[scored] - np.mean(force_N)) * measured.a_m_s2[scored])) * dt_s
+    omega_1_s = math.tau / (samples_a_cycle(measured.u_m) * dt_s)
+    by_delay_J = math.hypot(slope_W / len(energies_J) * delay_s, 0.5 * mean.value * (omega_1_s * delay_s) ** 2)
+    return Measured(mean.value, math.hypot(std_J, by_delay_J), mean.scatter)
+
+
+def delay_std_s(point: RecordedPoint, measured: Measurement) -> float:
+    """Standard uncertainty (s) of the delay between force and displacement, the bench file's declarations trusted.
+
+    They are trusted unless the signals contradict them.
+    """
+    skew = point.quality.skew
+    if skew.trusted_std_s is None or skew.state == "doubted":
+        return measured.skew_std_s
+    return min(measured.skew_std_s, skew.trusted_std_s)
 
 
 def steepest_N_s(measured: Measurement) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.characteristics.loop import LoopCharacteristics
+from rig.characteristics.loop import LoopCharacteristics, delay_std_s
 from rig.display import SI, Display
 from rig.document.blocks import Blocks, Column, Head, Heading, section, table
 from rig.document.numbers import NOTHING, number
@@ -27,11 +27,15 @@ UNIFORM = 1.0 / math.sqrt(12.0)
 
 @dataclass(frozen=True)
 class Share:
-    """One contribution to a channel's uncertainty: a standard deviation, and where it comes from."""
+    """One contribution to a channel's uncertainty: a standard deviation, and where it comes from.
+
+    `of_peak`: whether it makes the peak uncertain; a constant delay changes no peak and is not in the total.
+    """
 
     what: str
     value: float
     origin: str
+    of_peak: bool = True
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,8 @@ class Channel:
 
     @property
     def combined(self) -> float:
-        """Standard uncertainty: root of the summed squares of the known contributions."""
-        return math.hypot(*(share.value for share in self.shares if math.isfinite(share.value)))
+        """Standard uncertainty of the peak: root of the summed squares of the known contributions to it."""
+        return math.hypot(*(share.value for share in self.shares if share.of_peak and math.isfinite(share.value)))
 
 
 def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics], display: Display = SI) -> Blocks:
@@ -66,8 +70,9 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics], dis
         return []
     point, measured = max(known, key=lambda pair: steepest[pair[0].id])
     note = (
-        f"Standard uncertainties at the peak of point {point.id}, where the force changes fastest. "
-        "Contributions marked \"not stated\" are not included in the total."
+        f"Standard uncertainties of the peak values of point {point.id}, where the force changes fastest. "
+        "Contributions marked \"not stated\" are not included in the total. A delay between force and displacement "
+        "changes no peak value; its effect on the force at a given displacement is stated below the total."
     )
     drift_N = _drift_N([view.point for view in views])
     channels = channels_of(point, measured, steepest[point.id], drift_N)
@@ -86,7 +91,7 @@ def channels_of(
         steepest_N_s: greatest rate of change of its mean cycle's force, N/s.
         drift_N: standard uncertainty by zero drift over the campaign (N); NaN where unknown.
     """
-    return [_force(point, measured, steepest_N_s, drift_N), _displacement(point, measured), *_current(point),
+    return [_force(point, measured, steepest_N_s, drift_N), _displacement(point), *_current(point),
             *_temperature(point), *_auxiliaries(point)]
 
 
@@ -103,28 +108,26 @@ def _drift_N(points: Sequence[RecordedPoint]) -> float:
 
 
 def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, drift_N: float) -> Channel:
-    loop = point.quality.loop
-    peak_N = 0.5 * (loop.span_N or 0.0)
-    timing_N = steepest_N_s * measured.skew_std_s
+    loop, peaks = point.quality.loop, point.peak_force_N
+    peak_N = max(map(abs, peaks)) if peaks.known else 0.5 * (loop.span_N or 0.0)
+    timing_N = steepest_N_s * delay_std_s(point, measured)
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
         Share("zero", _known(point.quality.rest.force_zero_std_N),
               "noise level and duration of the rest period before the first motion"),
         Share("zero drift", drift_N, "compared with the controller's force input, during the campaign"),
         Share("single-sample noise", _known(loop.noise_N), "neighbouring samples"),
-        Share("timing, at the reversals", timing_N, "remaining sensor delay times the highest rate of change of force"),
-        Share("variation between cycles", _known(loop.scatter_N), "differences between cycles"),
+        Share("variation between cycles", _known(loop.scatter_N), "differences between cycles beyond the noise"),
+        Share("timing, at the reversals", timing_N, "uncertainty of the delay between force and displacement times "
+              "the highest rate of change of force", of_peak=False),
     ))
 
 
-def _displacement(point: RecordedPoint, measured: Measurement) -> Channel:
+def _displacement(point: RecordedPoint) -> Channel:
     peak_mm = 1e3 * (point.quality.motion.amplitude_m or point.amplitude_m)
-    clock_std_s = _known(point.quality.displacement.clock_std_s)
-    timing_mm = 1e3 * float(np.max(np.abs(measured.v_m_s))) * clock_std_s
     return Channel("Displacement", "mm", peak_mm, (
         _certificate(peak_mm, point.test.get("displacement_uncertainty_percent")),
         Share("single-sample noise", 1e3 * noise_of(point.displacement_m), "neighbouring samples"),
-        Share("timing, at peak velocity", timing_mm, "clock uncertainty times the measured peak velocity"),
     ))
 
 
@@ -191,7 +194,8 @@ def _table(channel: Channel) -> Blocks:
     rows = [
         [share.what, number(share.value, 3) if math.isfinite(share.value) else "not stated",
          number(100.0 * share.value / channel.peak, 2) if channel.peak > 0.0 else NOTHING, share.origin]
-        for share in (*channel.shares, *sums)
+        for share in (*(one for one in channel.shares if one.of_peak), *sums,
+                      *(one for one in channel.shares if not one.of_peak))
     ]
     value, part = Column("Value", channel.unit, True), Column("Share", "% of peak", True)
     head: list[Head] = ["Contribution", value, part, "Source"]

@@ -184,30 +184,24 @@ def cycle_energies_J(test: Measurement, force_N: FloatArray) -> FloatArray:
     period = samples_a_cycle(test.u_m)
     count = test.u_m.size
     cycles = max(1, round(count / period))
-    edges = np.linspace(0.0, count, cycles + 1)
+    edges = period * np.arange(cycles + 1)
     mean_N = float(np.mean(force_N if test.usable is None else force_N[test.usable]))
     work = (force_N - mean_N) * test.v_m_s
     if test.usable is not None:
         known = np.flatnonzero(test.usable)
         work = np.interp(np.arange(count), known, work[known])
-    if cycles == 1:  # what lies between its last sample and the end of the period, where the power is greatest
-        energies_J = np.array([np.sum(work) + 0.5 * (period - count) * (work[0] + work[-1])]) * test.dt_s
-    else:
-        energies_J = np.diff(_summed(work, edges)) * test.dt_s * period / (count / cycles)
+    # Exactly whole periods: where they begin the power is greatest, and a part of a sample more or less is seen.
+    inside = min(count, math.ceil(edges[-1]))
+    at = np.append(np.arange(inside, dtype=np.float64), edges[-1])
+    work = np.append(work[:inside], work[0])
+    total = np.concatenate(([0.0], np.cumsum(0.5 * (work[1:] + work[:-1]) * np.diff(at))))
+    energies_J = np.diff(np.interp(edges, at, total)) * test.dt_s
     if test.usable is None:
         return energies_J
     seen = np.concatenate(([-1], known, [count]))
     for gap in np.flatnonzero(np.diff(seen) - 1 > LONGEST_UNSEEN * period):
         energies_J[(edges[:-1] < seen[gap + 1]) & (edges[1:] > seen[gap] + 1)] = np.nan
     return energies_J
-
-
-def _summed(values: FloatArray, at: FloatArray) -> FloatArray:
-    """Sum of `values` (n,), which are overwritten, up to places between 0 and n, parts of a value included."""
-    total = np.cumsum(values, out=values)
-    whole = np.minimum(at.astype(np.int64), values.size - 1)
-    before = np.where(whole > 0, total[whole - 1], 0.0)
-    return np.asarray(before + (at - whole) * (total[whole] - before))
 
 
 def cycle_energy_J(test: Measurement, force_N: FloatArray) -> float:

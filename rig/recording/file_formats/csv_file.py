@@ -245,7 +245,7 @@ class CsvFile:
         if events and self._stated.event_rows == "refuse":
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
-                f"{events} row(s) between rows of numbers contain text. Fix: if the rows are events or remarks, skip "
+                f"{events} row(s) {self._where_events(event_lines, good)} contain text. Fix: if the rows are events or remarks, skip "
                 "them with --event-rows skip, or split the file at these rows with --event-rows split",
             ])  # fmt: skip
         if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
@@ -255,6 +255,12 @@ class CsvFile:
             ])  # fmt: skip
         self._lines = np.flatnonzero(good) + first
         return "\n".join(line for line, row in zip(lines, good, strict=True) if row) + "\n" * self._text.endswith("\n")
+
+    @staticmethod
+    def _where_events(event_lines: Sequence[int], good: NDArray[np.bool_]) -> str:
+        """Where rows of text are: after the last row of numbers, or (some of them) between rows of numbers."""
+        return "after the last row of numbers" if min(event_lines) > np.flatnonzero(good)[-1] else (
+            "between rows of numbers")
 
     def _is_row(self, line: str, places: Sequence[int]) -> bool:
         """Whether a line is a row: numbers in the wanted columns, and no words where the first rows have numbers."""

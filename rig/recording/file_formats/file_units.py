@@ -35,11 +35,12 @@ def named_unit(text: str, dimension: str) -> tuple[str, Unit] | None:
     for name in known:
         folded.setdefault(name.casefold(), []).append(name)
     candidates = folded.get(bare.casefold(), [])
+    unpointed = bare.replace(".", "")  # "lbf.", "in./sec."
     for name in (bare, ALIASES.get(bare, ""), wire_units.ALIASES.get(bare, ""), WORDS.get(bare.casefold(), ""),
                  candidates[0] if len(candidates) == 1 else ""):  # fmt: skip
         if name in known:
             return name, known[name]
-    return None
+    return named_unit(unpointed, dimension) if unpointed != bare else None
 
 
 def known_unit(text: str) -> str:

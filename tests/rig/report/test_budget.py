@@ -52,9 +52,9 @@ def test_the_skews_share_is_that_of_the_reversals(run: Run) -> None:
     steepest_N_s = YIELD_N / KNEE_M_S * AMPLITUDE_M * (2.0 * math.pi) ** 2
     assert shares["timing, at the reversals"] == pytest.approx(steepest_N_s * SKEW_STD_S, rel=0.1)
     assert shares["timing, at the reversals"] > 5.0 * YIELD_N * 2.0 * math.pi * SKEW_STD_S
-    assert shares["calibration"] == pytest.approx(5.0)
-    known = [value for value in shares.values() if math.isfinite(value)]
-    assert force.combined == pytest.approx(math.hypot(*known))
+    assert shares["calibration"] == pytest.approx(5.0, rel=1e-3)
+    assert force.peak == pytest.approx(YIELD_N, rel=0.01)
+    assert force.combined == pytest.approx(math.hypot(5.0, 3.0), rel=1e-3)  # a delay changes no peak
     assert math.isnan(shares["zero"])
     assert math.isnan(shares["zero drift"])
 
@@ -75,8 +75,7 @@ def test_current_temperature_and_calibrated_auxiliaries_have_budgets_of_their_ow
     assert channels["Coil temperature"].combined == pytest.approx(3.0 / math.sqrt(12.0))
     assert channels["pressure"].peak == pytest.approx(5.0, rel=1e-3)
     assert channels["pressure"].shares[0].value == pytest.approx(0.1, rel=1e-3)
-    peak_m_s = AMPLITUDE_M * 2.0 * math.pi
-    assert channels["Displacement"].shares[2].value == pytest.approx(1e3 * peak_m_s * 1e-4, rel=1e-3)
+    assert channels["Displacement"].combined < 1e-3 * channels["Displacement"].peak  # its clock's 0.1 ms is no part
 
 
 def test_the_report_shows_each_budget_and_what_nobody_stated(run: Run) -> None:
