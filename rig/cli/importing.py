@@ -127,8 +127,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
-    help="How to treat rows of text between or after rows of numbers (reject the file, skip these rows, or split the file "
-    "at these rows into several tests).",
+    help="How to treat rows of text between or after rows of numbers (reject the file, skip these rows, or split "
+    "the file at these rows into several tests).",
 )
 @click.option("--sheet", metavar="NAME", help="Excel: sheet that contains the test; all: one test for each sheet that "
                                               "contains a table.")

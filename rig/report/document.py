@@ -168,7 +168,8 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
         first = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
     return (
         Sheet((
-            cover(run, details), Contents(paper=False), *doubts_of(run.points), *warnings(run), facts_of(of),
+            cover(run, details), Contents(paper=False), *doubts_of(run.points), *unfinished(run, of.log or ()),
+            *warnings(run), facts_of(of),
             *peak_forces(of.characteristics.force_tables, of.display, of.terms, gas_force), *heading, *first,
         )),
         Sheet((
@@ -353,6 +354,20 @@ def _lost(run: Run) -> list[Fact]:
     if by <= {"sequence", "rate"}:
         return []
     return [Fact("unknown", "number of samples lost; the data format of a sensor has no sequence number", FAIR)]
+
+
+def unfinished(run: Run, log: Sequence[JsonObject]) -> Blocks:
+    """That the campaign ended before its last point, and what stopped it; empty where every point was recorded."""
+    planned = run.campaign.get("points")
+    names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
+    missing = set(names) - {point.id for point in run.points}
+    if not missing or all(point.imported for point in run.points):
+        return []
+    last = next((line for line in reversed(log) if line.get("event") == "result"), {})
+    stopped_by = last.get("stopped_by")
+    cause = f" It was stopped by {last.get('detail') or stopped_by}." if stopped_by else ""
+    count = f"{len(missing)} of {len(names)} planned points were not recorded"
+    return [Note(POOR, f"The test is incomplete: {count}.{cause}")]
 
 
 def warnings(run: Run) -> Blocks:

@@ -68,8 +68,7 @@ def of_cycles(forces_N: FloatArray) -> PeakForce:
     there is read in the other half, and the reverse; the result is the mean of both. A single cycle has its extremes.
     """
     width = max(1, round(ABOUT_PEAK * forces_N.shape[1]))
-    half = width // 2
-    around = np.concatenate((forces_N[:, forces_N.shape[1] - half :], forces_N, forces_N[:, : width - 1 - half]), axis=1)
+    around = np.pad(forces_N, ((0, 0), (width // 2, (width - 1) // 2)), mode="wrap")
     smooth_N = np.mean(np.lib.stride_tricks.sliding_window_view(around, width, axis=1), axis=2)
     if len(smooth_N) == 1:
         return PeakForce(float(np.max(smooth_N)), float(np.min(smooth_N)))

@@ -245,8 +245,8 @@ class CsvFile:
         if events and self._stated.event_rows == "refuse":
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
-                f"{events} row(s) {self._where_events(event_lines, good)} contain text. Fix: if the rows are events or remarks, skip "
-                "them with --event-rows skip, or split the file at these rows with --event-rows split",
+                f"{events} row(s) {self._where_events(event_lines, good)} contain text. Fix: if the rows are events or "
+                "remarks, skip them with --event-rows skip, or split the file at these rows with --event-rows split",
             ])  # fmt: skip
         if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
             raise FileProblem(str(self._file), [

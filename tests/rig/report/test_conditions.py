@@ -13,7 +13,9 @@ from rig.recording.journal.campaign_log import CampaignLog, read_log
 from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 from rig.report.display_text import in_display
+from rig.report.document import unfinished
 from rig.report.peak_forces import force_text, greatest, peak_forces
 from rig.report.point_tables import point_details
 from rig.report.views import MotionTerms, PointView
@@ -49,6 +51,14 @@ def test_what_the_campaign_waited_for_is_reported_in_its_own_words(tmp_path: Pat
     page = fragment(point_details([a_point(30.0)], read_log(tmp_path)))
     assert page.count("<li>") == 1
     assert "cooling down from 55 to 44.8 degC" in page
+
+
+def test_an_incomplete_test_is_stated_with_what_stopped_it() -> None:
+    run = Run(Path("run"), (a_point(None).point,), {"points": ["p001", "p002", "p003"]})
+    result = {"event": "result", "stopped_by": "sigint", "detail": "Ctrl-C"}
+    page = fragment(unfinished(run, [result]))
+    assert "2 of 3 planned points were not recorded. It was stopped by Ctrl-C." in page
+    assert unfinished(Run(run.path, run.points, {"points": ["p001"]}), [result]) == []
 
 
 def test_the_greatest_forces_are_those_of_each_direction_where_the_gas_force_exceeds_the_damping_force() -> None:
