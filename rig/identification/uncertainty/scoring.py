@@ -195,7 +195,7 @@ def cycle_energies_J(test: Measurement, force_N: FloatArray) -> FloatArray:
     at = np.append(np.arange(inside, dtype=np.float64), edges[-1])
     work = np.append(work[:inside], work[0])
     total = np.concatenate(([0.0], np.cumsum(0.5 * (work[1:] + work[:-1]) * np.diff(at))))
-    energies_J = np.diff(np.interp(edges, at, total)) * test.dt_s
+    energies_J: FloatArray = np.diff(np.interp(edges, at, total)) * test.dt_s
     if test.usable is None:
         return energies_J
     seen = np.concatenate(([-1], known, [count]))
