@@ -235,7 +235,7 @@ def _show_how_read(tests: Sequence[ImportedTest]) -> None:
     for read_as, ways in groups.items():
         files = dict.fromkeys(ways.values())
         where = f"all {count} files" if len(files) == count > 1 else named_files([*files])
-        sheets = {found[0] for way in ways if (found := SHEET.search(way))}
+        sheets = {named[0] for way in ways if (named := SHEET.search(way))}
         shown = f"{len(sheets)} sheets" if len(sheets) > 1 else next(iter(sheets), "")
         dialect, *columns = read_as.replace("sheet ...", shown, 1).split("; ")
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
