@@ -24,7 +24,7 @@ import drivers.ring
 import rig.recording.atomic_write
 import rig.station.process
 from simulators.scenarios.machine import Machine, Process
-from simulators.scenarios.os_stubs import Installed, NoCounterpart, stubs
+from simulators.scenarios.os_stubs import REAL, Installed, NoCounterpart, stubs
 
 Make = Callable[[int], tuple[Machine, Path]]
 SEEDS = range(10)
@@ -258,10 +258,10 @@ def test_chance_comes_from_the_seed(make: Make) -> None:
 
 
 def places() -> Iterator[tuple[Any, str]]:
-    """Names under which modules of the project hold what a world replaces; `rig.jobs` runs worlds, none runs it."""
+    """Names under which modules of the project hold what a world replaces; those in `REAL` keep the computer's."""
     real = {id(module) for module in (os, time, threading, subprocess, signal, fcntl)}
     for name, module in list(sys.modules.items()):
-        if name.split(".")[0] in {"rig", "drivers", "protocols"} and not name.startswith("rig.jobs"):
+        if name.split(".")[0] in {"rig", "drivers", "protocols"} and not name.startswith(REAL):
             yield from ((module, key) for key, value in vars(module).items() if id(value) in real)
 
 
