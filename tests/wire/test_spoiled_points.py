@@ -44,8 +44,9 @@ def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_fix_the
     assert ending.exit_code == 5, ending.output
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
+    # A clipped force may also disagree with the controller's own, or look delayed: that depends on the seed.
     reasons = ending.reasons("p002")
-    assert {"sensor-saturated"} <= reasons.keys() <= {"sensor-saturated", "load-cell-gain", "load-cell-zero"}
+    assert {"sensor-saturated"} <= reasons.keys() <= {"sensor-saturated", "load-cell-gain", "load-cell-zero", "skew"}
     assert set(reasons.values()) == {"bench"}
     assert {"p002", "p002-attempt2"} <= ending.recorded().keys()
 
