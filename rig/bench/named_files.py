@@ -165,7 +165,8 @@ def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]
     result = dict(data)
     for entry in ENTRIES:
         table, key = entry
-        tables = [{**one, key: _renamed(entry, one[key], names)} if key in one else one for one in _tables(result, table)]
+        before = _tables(result, table)
+        tables = [{**one, key: _renamed(entry, one[key], names)} if key in one else one for one in before]
         if tables:
             result[table] = tables[0] if isinstance(data[table], Mapping) else tables
     return result
