@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePath
@@ -43,13 +43,17 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         data: as read.
         folder: the bench file's.
     """
+    return _with_values(data, lambda entry, value: _with_path(entry, value, folder))
+
+
+def _with_values(data: Mapping[str, Any], value_of: Callable[[tuple[str, str], Any], Any]) -> dict[str, Any]:
+    """The data of a bench file with another value of each entry that may name a file."""
     result = dict(data)
     for entry in ENTRIES:
         table, key = entry
-        tables = _tables(result, table)
-        whole = [{**one, key: _with_path(entry, one[key], folder)} if key in one else one for one in tables]
-        if whole:
-            result[table] = whole[0] if isinstance(data[table], Mapping) else tuple(whole)
+        tables = [{**one, key: value_of(entry, one[key])} if key in one else one for one in _tables(result, table)]
+        if tables:
+            result[table] = tables[0] if isinstance(data[table], Mapping) else type(data[table])(tables)
     return result
 
 
@@ -59,34 +63,22 @@ def _with_path(entry: tuple[str, str], value: Any, folder: Path) -> Any:  # noqa
     return with_network_path(value, folder) if entry[1] == FORMAT and isinstance(value, Mapping) else value
 
 
-def named(data: Mapping[str, Any], folder: Path = Path()) -> Iterator[tuple[tuple[str, str], str]]:
-    """Each entry that names a file, with the name as written; also files named in the format of a sensor.
+def named(data: Mapping[str, Any], folder: Path = Path()) -> Iterator[str]:
+    """Each file's name as written; also files named in the format of a sensor.
 
     Args:
         data: content of a bench file.
         folder: that relative names start from.
     """
-    for entry in ENTRIES:
-        table, key = entry
-        for one in _tables(data, table):
-            value = one.get(key)
-            if isinstance(value, str) and is_file(entry, value):
-                yield entry, value
-            if key == FORMAT and (network := _network(value, folder)):
-                yield entry, network
+    for entry, written in _written(data):
+        yield written
+        if entry[1] == FORMAT and (inner := _inner(written, folder)):
+            yield str(PurePath(written).parent / inner)
 
 
-def _network(given: object, folder: Path) -> str:
-    """Network description named in a sensor's format, relative to the bench file; empty if there is none."""
-    if isinstance(given, Mapping):
-        return str(given[NETWORK]) if is_dbc(given.get(NETWORK)) else ""
-    if not (isinstance(given, str) and given.casefold().endswith(".toml")):
-        return ""
-    try:
-        inner = read_toml(folder / given).data.get(NETWORK)
-    except FileProblem:
-        return ""  # reported where the format is read
-    return str(PurePath(given).parent / str(inner)) if is_dbc(inner) else ""
+def _network(given: Mapping[str, Any]) -> str:
+    """Network description named in a sensor's format that is a table; empty if there is none."""
+    return str(given[NETWORK]) if is_dbc(given.get(NETWORK)) else ""
 
 
 def _tables(data: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
@@ -106,7 +98,7 @@ def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
     Raises:
         FileProblem: a file cannot be read any more.
     """
-    for _, path in named(data):
+    for path in named(data):
         digest = hashlib.sha256(read_bytes(Path(path), LARGEST_BYTES)).hexdigest()
         forms = [form for form in (json.dumps(path), json.dumps(path, ensure_ascii=False)) if form in dumped]
         if forms:
@@ -162,20 +154,13 @@ def kept(data: Mapping[str, Any], folder: Path, reserved: Container[str] = ()) -
 
 def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """The data of a bench file with other names of the files that it names."""
-    result = dict(data)
-    for entry in ENTRIES:
-        table, key = entry
-        before = _tables(result, table)
-        tables = [{**one, key: _renamed(entry, one[key], names)} if key in one else one for one in before]
-        if tables:
-            result[table] = tables[0] if isinstance(data[table], Mapping) else tables
-    return result
+    return _with_values(data, lambda entry, value: _renamed(entry, value, names))
 
 
 def _renamed(entry: tuple[str, str], value: Any, names: Mapping[str, str]) -> Any:  # noqa: ANN401 - whatever the file has
     if isinstance(value, str):
         return names.get(value, value) if is_file(entry, value) else value
-    if entry[1] == FORMAT and isinstance(value, Mapping) and _network(value, Path()):
+    if entry[1] == FORMAT and isinstance(value, Mapping) and _network(value):
         return {**value, NETWORK: names.get(value[NETWORK], value[NETWORK])}
     return value
 
@@ -188,7 +173,7 @@ def _written(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
             value = one.get(key)
             if isinstance(value, str) and is_file(entry, value):
                 yield entry, value
-            elif key == FORMAT and isinstance(value, Mapping) and (network := _network(value, Path())):
+            elif key == FORMAT and isinstance(value, Mapping) and (network := _network(value)):
                 yield (table, NETWORK), network
 
 
