@@ -132,7 +132,7 @@ def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     if not generator and not recipes.setpoint and Command.MOVE_TO in commands:
         source.add(
             ("commands",), "a device with move-to alone only moves from one position to another and stops there; a "
-                "damper test requires a periodic motion. Fix: if the device can move back and forth by itself, add "
+                "damper test requires a periodic motion. Fix: if the device can move back and forth automatically, add "
                 "start (with [waveforms] triangle if it does so at constant speed); if it accepts a new position "
                 "during a motion, replace move-to by [setpoint]; otherwise this device cannot drive the rig"
         )

@@ -207,7 +207,7 @@ def without_faults(setting: Setting) -> Setting | None:
 
 
 def serve(setting: Setting, folder: Path, asked: Connection) -> None:
-    """Begin the campaign, then make a copy for each judge that is sent; returns when nobody asks any more."""
+    """Begin the campaign, then make a copy for each judge that is sent; returns when no further copy is requested."""
     world = folder / "world"
     world.mkdir()
     with ExitStack() as ends:

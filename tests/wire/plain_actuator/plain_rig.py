@@ -56,7 +56,7 @@ class PlainServer:
 
 
 class PlainRig(SimulatedRig):
-    """The simulated rig with that actuator beside its own, which nobody talks to."""
+    """The simulated rig with that actuator in addition to its own, which receives no requests."""
 
     plain_url = ""
 
