@@ -17,8 +17,8 @@ from rig.signals.loop_shape import by_phase
 SPIKE_SAMPLES = 3
 """Of a motion without cycles, the median of so many samples: a single sample is no peak."""
 
-ABOUT_PEAK = 0.02
-"""Share of a cycle over which the force is averaged about the peak; a sine loses 0.07 % of its peak by this."""
+ABOUT_PEAK = 0.05
+"""Share of a cycle over which a parabola is fitted about the peak; a sine loses less than 0.001 % by this."""
 
 
 class PeakForce(NamedTuple):
@@ -62,17 +62,20 @@ def peak_force(time_s: FloatArray, force_N: FloatArray, start_s: FloatArray | No
 
 
 def of_cycles(forces_N: FloatArray) -> PeakForce:
-    """Peak forces of cycles, force at equal phases of each (k, n), N, of their mean about the phase of the peak.
+    """Peak forces of cycles, force at equal phases of each (k, n), N, from their mean cycle.
 
-    The largest of many noisy values is too large. So the phase of the peak is found in half of the cycles and the force
-    there is read in the other half, and the reverse; the result is the mean of both. A single cycle has its extremes.
+    The largest of many noisy values is too large. So a parabola is fitted about the peak, and its top is the result.
     """
-    width = max(1, round(ABOUT_PEAK * forces_N.shape[1]))
-    around = np.pad(forces_N, ((0, 0), (width // 2, (width - 1) // 2)), mode="wrap")
-    smooth_N = np.mean(np.lib.stride_tricks.sliding_window_view(around, width, axis=1), axis=2)
-    if len(smooth_N) == 1:
-        return PeakForce(float(np.max(smooth_N)), float(np.min(smooth_N)))
-    halves = np.mean(smooth_N[::2], axis=0), np.mean(smooth_N[1::2], axis=0)
-    return PeakForce(*(
-        0.5 * float(halves[0][find(halves[1])] + halves[1][find(halves[0])]) for find in (np.argmax, np.argmin)
-    ))
+    mean_N = np.mean(forces_N, axis=0)
+    half = max(2, round(0.5 * ABOUT_PEAK * mean_N.size))
+    around_N = np.lib.stride_tricks.sliding_window_view(np.pad(mean_N, half, mode="wrap"), 2 * half + 1)
+    highest, lowest = (around_N[find(np.mean(around_N, axis=1))] for find in (np.argmax, np.argmin))
+    return PeakForce(_top(highest), -_top(-lowest))
+
+
+def _top(values: FloatArray) -> float:
+    """Highest value of the parabola through values (n,), between the first and the last."""
+    curve = np.polyfit(np.linspace(-1.0, 1.0, values.size), values, 2)
+    bend, slope, _ = curve
+    top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
+    return float(np.max(np.polyval(curve, [-1.0, min(1.0, max(-1.0, top)), 1.0])))
