@@ -169,6 +169,15 @@ class FirstRead:
 _FIRST_READ: ContextVar[FirstRead | None] = ContextVar("_FIRST_READ", default=None)
 
 
+def stamp(path: Path | str) -> tuple[int, int] | None:
+    """Stamp that changes with a file's content; None if there is no file."""
+    try:
+        state = os.stat(path)
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size
+
+
 def _content(path: Path, limit_bytes: int) -> bytes:
     with open_regular(path) as file:
         return file.read(limit_bytes + 1)

@@ -25,7 +25,7 @@ def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blo
     if fit.adequate is False:
         lines.append(Note(POOR, INADEQUATE))
     lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
-    lines += [_found(cause, "") for cause in fit.diagnosis[:1]]
+    lines += [_found(cause) for cause in fit.diagnosis[:1]]
     lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
     if fit.next_tests:
         count = "1 further test" if len(fit.next_tests) == 1 else f"{len(fit.next_tests)} further tests"
@@ -117,7 +117,7 @@ def _remarks(fit: FitRecord) -> Blocks:
         lines.append(Paragraph(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
     for place, cause in enumerate(fit.diagnosis, 1):
-        lines.append(_found(cause, f" {place}"))
+        lines.append(_found(cause, place))
         lines.append(Paragraph(f"  next step: {cause.next}"))
     for proposal in fit.next_tests:
         lines.append(Paragraph(f"next test: {proposal.text}; lines for the matrix file:"))
@@ -126,10 +126,12 @@ def _remarks(fit: FitRecord) -> Blocks:
     return lines
 
 
-def _found(cause: Cause, place: str) -> Note:
-    """An entry of the diagnosis; the first cause of a misfit is shown as a problem."""
-    severity = PLAIN if place not in {"", " 1"} else POOR if cause.of_misfit else FAIR
-    return Note(severity, f"{'probable cause' if cause.of_misfit else 'observation'}{place}: {cause.text}")
+def _found(cause: Cause, place: int | None = None) -> Note:
+    """An entry of the diagnosis, numbered in a list; the first cause of a misfit is shown as a problem."""
+    severity = POOR if cause.of_misfit else FAIR
+    at = "" if place is None else f" {place}"
+    text = f"{'probable cause' if cause.of_misfit else 'observation'}{at}: {cause.text}"
+    return Note(severity if place in {None, 1} else PLAIN, text)
 
 
 def _measures(error: ErrorSummary) -> str:

@@ -26,6 +26,7 @@ from rig.files.section import Section
 from rig.files.sensor_format import model_of as sensor_format_model
 from rig.files.supply import model_of as supply_model
 from rig.files.toml_source import TomlSource, frozen, read_toml
+from rig.text_file import stamp
 
 Plain = Mapping[str, Any]
 
@@ -71,22 +72,17 @@ def table_of(kind: str, path: str | Path) -> dict[str, Any]:
         FileProblem: it cannot be read, or with every wrong entry of it.
     """
     path = Path(path)
-    try:
-        about = path.stat()
-        stamp = (about.st_mtime_ns, about.st_size)
-    except OSError:
-        stamp = (0, 0)
-    return _table_of(kind, path, stamp)
+    return _table_of(kind, path, stamp(path))
 
 
 @functools.lru_cache(maxsize=64)
-def _table_of(kind: str, path: Path, stamp: tuple[int, int]) -> dict[str, Any]:
+def _table_of(kind: str, path: Path, written: tuple[int, int] | None) -> dict[str, Any]:
     """Asked for at several places while a bench is read and planned; read again when the file is another one.
 
     Raises:
         FileProblem: see `table_of`.
     """
-    del stamp
+    del written
     return checked(kind, read_toml(path))
 
 

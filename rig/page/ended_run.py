@@ -25,7 +25,7 @@ from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.recording.quality.stopped_point import was_stopped
 from rig.station.live_folder import read_json
-from rig.text_file import JSON_LIMIT_BYTES, open_regular
+from rig.text_file import JSON_LIMIT_BYTES, open_regular, stamp
 
 EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"', b'"resumed"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
@@ -67,13 +67,11 @@ class EndedRun:
         Of an imported run, which has no journal: `imported`, `valid`, `total`, `points`.
         """
         source = self._run.description if is_imported(self._run) else self._run.journal
-        try:
-            status = source.stat()
-        except OSError:
+        now = stamp(source)
+        if now is None:
             return {"cut_off": True, "points": []}
-        stamp = status.st_mtime_ns, status.st_size
-        if self._result is None or stamp != self._stamp:
-            self._stamp = stamp
+        if self._result is None or now != self._stamp:
+            self._stamp = now
             self._result = _result(source) if source == self._run.journal else _imported(self._run)
         return self._result
 

@@ -14,7 +14,7 @@ from rig.campaign_folder import CampaignFolder, by_age
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
 from rig.station.live_folder import LOCK, held, read_json
-from rig.text_file import open_regular
+from rig.text_file import open_regular, stamp
 
 MOST_RUNS = 100
 LARGEST_REPORT_BYTES = 64_000_000
@@ -47,13 +47,11 @@ class History:
 
     def _json(self, path: Path) -> dict[str, Any]:
         """Content of a file of a run, cached until the file changes; empty if there is no file."""
-        try:
-            state = path.stat()
-        except OSError:
+        now = stamp(path)
+        if now is None:
             return {}
-        stamp = state.st_mtime_ns, state.st_size
-        if path not in self._read or self._read[path][0] != stamp:
-            self._read[path] = stamp, read_json(path)
+        if path not in self._read or self._read[path][0] != now:
+            self._read[path] = now, read_json(path)
         return self._read[path][1]
 
     def _is_run(self, name: str) -> bool:

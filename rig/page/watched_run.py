@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from rig.files.run_display import run_display
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import DEVICES, LOCK, PLAN, RESULTS, STATE, held, read_json
-from rig.text_file import JSON_LIMIT_BYTES, open_regular
+from rig.text_file import JSON_LIMIT_BYTES, open_regular, stamp
 
 KEPT_EVENTS = 200
 STOP_PARTS_WITHIN = 20
@@ -169,8 +168,8 @@ class WatchedRun:
         state = read_json(live / STATE)
         state.pop("messages", None)  # for the terminal; the important ones are also events
         run = self.run
-        if run is not None and self._differs("operator", stamp := _stamp(CampaignFolder(run).operator)):
-            self._entered = "" if stamp is None else str(read_json(CampaignFolder(run).operator).get("specimen", ""))
+        if run is not None and self._differs("operator", written := stamp(CampaignFolder(run).operator)):
+            self._entered = "" if written is None else str(read_json(CampaignFolder(run).operator).get("specimen", ""))
         return {"type": "state", **state, "entered": self._entered, "running": True}
 
     def results(self) -> dict[str, Any]:
@@ -202,19 +201,19 @@ class WatchedRun:
 
     def state_changed(self) -> bool:
         """Whether the campaign has written its state since the last call."""
-        return self._live is not None and self._differs(STATE, _stamp(self._live / STATE))
+        return self._live is not None and self._differs(STATE, stamp(self._live / STATE))
 
     def grown(self) -> frozenset[str]:
         """Which of `run`, `results` and `events` have changed since the last call."""
         run, live = self.run, self._live
         if self._files[0] != (run, live):
             self._files = (run, live), _grow(run, live)
-        grown = {PARTS[name] for name, path in self._files[1].items() if self._differs(name, _stamp(path))}
+        grown = {PARTS[name] for name, path in self._files[1].items() if self._differs(name, stamp(path))}
         return frozenset(grown | {"run"} if self._differs("run", run) else grown)
 
-    def _differs(self, name: str, stamp: object) -> bool:
-        before, self._stamps[name] = self._stamps.get(name, ""), stamp
-        return stamp != before
+    def _differs(self, name: str, now: object) -> bool:
+        before, self._stamps[name] = self._stamps.get(name, ""), now
+        return now != before
 
     def news(self) -> list[dict[str, Any]]:
         """New events of the journal, for display; also stored in `events`.
@@ -319,15 +318,6 @@ def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
         return files
     folder = CampaignFolder(run)
     return {**files, "station": str(folder.station_config), "journal": str(folder.journal)}
-
-
-def _stamp(path: Path | str) -> tuple[int, int] | None:
-    """Stamp that changes with a file's content; None if there is no file."""
-    try:
-        state = os.stat(path)
-    except OSError:
-        return None
-    return state.st_mtime_ns, state.st_size
 
 
 def _is_simulated(live: Path | None, described: dict[str, Any]) -> bool:
