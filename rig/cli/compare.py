@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -57,8 +57,8 @@ def command(
     from rig.comparison.differences import MOST_RUNS
 
     several = len(runs) > MOST_RUNS
-    if several:
-        _check_page_size(len(runs), MOST_RUNS, requested=on_paper or out is not None)
+    if several and (on_paper or out is not None):
+        _refuse_page(len(runs), MOST_RUNS)
     if on_paper:
         out = _page_of(out, runs[0])
     with workers_for(scheduler, None if several else 1) as workers:
@@ -75,14 +75,13 @@ def command(
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
 
 
-def _check_page_size(count: int, most: int, *, requested: bool) -> None:
+def _refuse_page(count: int, most: int) -> NoReturn:
     """Reject a page with too many runs.
 
     Raises:
-        UsageError: a page of too many runs was requested.
+        UsageError: always.
     """
-    if requested:
-        raise click.UsageError(f"--out and --pdf: got {count} runs, expected at most {most}. Fix: omit these options")
+    raise click.UsageError(f"--out and --pdf: got {count} runs, expected at most {most}. Fix: omit these options")
 
 
 def _page_of(out: Path | None, first: Path) -> Path:
