@@ -84,9 +84,6 @@ def pdf(document: b.Document) -> bytes:
         title=known(document.title), creator="mr-damper-rig",
     )  # fmt: skip
     flow = list(_flow(document.blocks, width))
-    for sheet in flow:
-        if isinstance(sheet, _OnePage):
-            sheet.room = paper[1] - MARGIN - BOTTOM - 2 * FRAME - 2.0
     links = [(block.name, block.listed) for block in document.listed]
     filled = [part for one in flow for part in (_contents(links, width) if isinstance(one, _ContentsPlace) else [one])]
     while filled and isinstance(filled[-1], PageBreak):  # a document that ends with a sheet has no empty page
@@ -105,13 +102,14 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annot
     """A canvas that knows how many pages there are when it writes their numbers: all are kept until the end.
 
     `marks` are the headings of the page so far: level, title, anchor, height on the page (points). `entries` are the
-    lines of the contents on it: anchor, and where the number of its page ends (points).
+    lines of the contents on it: anchor, and where the number of its page ends (points). `paper` is the size of the
+    pages (points).
     """
 
     def __init__(self, *arguments: object, mark: str, paper: tuple[float, float], **options: object) -> None:
         super().__init__(*arguments, **options)
         self._kept: list[dict[str, Any]] = []
-        self._mark, self._paper = mark, paper
+        self._mark, self.paper = mark, paper
         self.marks: list[tuple[int, str, str, float]] = []
         self.entries: list[tuple[str, float, float]] = []
 
@@ -144,7 +142,7 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annot
         self.setFont("Sheet", 7)
         self.setFillColor(SOFT)
         self.drawString(MARGIN, 7 * mm, str(self._doc.info.title)[:110])
-        width, height = self._paper
+        width, height = self.paper
         self.drawRightString(width - MARGIN, 7 * mm, number)
         if self._mark:
             self.setFillColor(HexColor(style.MARK_PAPER))
@@ -210,17 +208,18 @@ def _contents(links: Sequence[tuple[str, str]], width: float) -> Flowables:
 
 
 class _OnePage(Flowable):  # type: ignore[misc]  # the same
-    """Blocks on a separate page, scaled to fit; `room` is the available height of the page (points)."""
+    """Blocks on a separate page, scaled to fit."""
 
     def __init__(self, blocks: Sequence[b.Block], width: float) -> None:
         super().__init__()
-        self._blocks, self._width, self.room = blocks, width, 0.0
+        self._blocks, self._width = blocks, width
         self._scale, self._content = 1.0, KeepInFrame(width, 0.0, [])
 
     def wrap(self, *_room: float) -> tuple[float, float]:
         """The size of the page."""
+        room = self.canv.paper[1] - MARGIN - BOTTOM - 2 * FRAME - 2.0
         for self._scale in SHEET_SCALES:
-            width, height = self._width / self._scale, self.room / self._scale
+            width, height = self._width / self._scale, room / self._scale
             last = self._scale == SHEET_SCALES[-1]
             flow = _unbroken(self._blocks, width)
             self._content = KeepInFrame(width, height, flow, mode="shrink" if last else "overflow")
