@@ -80,53 +80,31 @@ class WatchedRun:
 
     def description(self) -> dict[str, Any]:
         """What does not change while the run lasts: its name, limits, devices, plan."""
-        run, live = self.run, self.live_folder
+        run, live, display = self.run, self.live_folder, self._display()
         station = self._station()
         plan = {} if live is None else read_json(live / PLAN)
         described = {} if run is None else read_json(CampaignFolder(run).description)
         if live is None and run is not None:
             plan = {
                 "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
-                "points": [] if self.ended is None else self._described(self.ended.result["points"]),
+                "points": [] if self.ended is None else _described(self.ended.result["points"], display),
             }
         ecu = station.get("ecu")
         return {
             "type": "run", "name": "" if run is None else run.name, "specimen": plan.get("specimen", ""),
             "bench": plan.get("bench", ""), "simulated": _is_simulated(live, described),
             "points": plan.get("points", []), "limits": station.get("limits", {}),
-            "devices": devices(station), "device_rate": station.get("device_rate", 1.0), "display": self._display(),
+            "devices": devices(station), "device_rate": station.get("device_rate", 1.0),
             "by_hand": isinstance(ecu, dict) and bool(ecu.get("by_hand")), "ring": station.get("ring_path", ""),
+            "display": _quantities(display),
         }
 
-    def _described(self, points: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Points of a result, described in the units of `[display]`."""
-        display = self._run_display
-        return [
-            {**point, "described": display.described(point["described"], point["amplitude_m"])}
-            if isinstance(point.get("described"), str) and isinstance(point.get("amplitude_m"), float)
-            else point
-            for point in points
-        ]
-
-    @property
-    def _run_display(self) -> Display:
+    def _display(self) -> Display:
+        """`[display]` of the run."""
         try:
             return Display() if self.run is None else run_display(self.run)
         except FileProblem:
             return Display()
-
-    def _display(self) -> dict[str, dict[str, Any]]:
-        """Units and signs of `[display]`, by quantity."""
-        display = self._run_display
-        signed = {"force": display.force, "displacement": display.displacement, "speed": display.speed}
-        quantities = {**signed, "temperature": display.temperature}
-        return {
-            name: {
-                "unit": shown.unit, "scale": shown.scale, "offset": shown.offset,
-                "sign": -1 if name in signed and shown.positive == "compression" else 1,
-            }
-            for name, shown in quantities.items()
-        }  # fmt: skip
 
     def _station(self) -> dict[str, Any]:
         return {} if self.run is None else read_json(CampaignFolder(self.run).station_config)
@@ -318,6 +296,29 @@ def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
         return files
     folder = CampaignFolder(run)
     return {**files, "station": str(folder.station_config), "journal": str(folder.journal)}
+
+
+def _described(points: list[dict[str, Any]], display: Display) -> list[dict[str, Any]]:
+    """Points of a result, described in the units of `[display]`."""
+    return [
+        {**point, "described": display.described(point["described"], point["amplitude_m"])}
+        if isinstance(point.get("described"), str) and isinstance(point.get("amplitude_m"), float)
+        else point
+        for point in points
+    ]
+
+
+def _quantities(display: Display) -> dict[str, dict[str, Any]]:
+    """Units and signs of `[display]`, by quantity."""
+    signed = {"force": display.force, "displacement": display.displacement, "speed": display.speed}
+    quantities = {**signed, "temperature": display.temperature}
+    return {
+        name: {
+            "unit": shown.unit, "scale": shown.scale, "offset": shown.offset,
+            "sign": -1 if name in signed and shown.positive == "compression" else 1,
+        }
+        for name, shown in quantities.items()
+    }  # fmt: skip
 
 
 def _is_simulated(live: Path | None, described: dict[str, Any]) -> bool:
