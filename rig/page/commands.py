@@ -100,7 +100,7 @@ class Commands:
             return self._command(message, client)
         return _refused("unknown-command")
 
-    def refused_at_desk(self, do: str, client: Client) -> dict[str, Any] | None:
+    def refused_at_bench(self, do: str, client: Client) -> dict[str, Any] | None:
         """Why this client may not send this request to a bench; None if it may."""
         if client.role is not Role.OPERATOR:
             return _refused("viewer", do)

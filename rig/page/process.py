@@ -69,7 +69,7 @@ async def serve_bench(
         PageProblem: it cannot be served as asked for.
     """
     tls = settings.context()
-    sock = lasting_socket(settings, address)
+    sock = permanent_socket(settings, address)
     access = Access(settings.host, sock.getsockname()[1], tls is not None, address.tokens)
     try:
         address.keep(access.port, access.url(Role.OPERATOR))
@@ -79,7 +79,7 @@ async def serve_bench(
     await _serve(BenchControl(bench), access, sock, tls, announce)
 
 
-def lasting_socket(settings: PageSettings, address: PermanentAddress) -> socket.socket:
+def permanent_socket(settings: PageSettings, address: PermanentAddress) -> socket.socket:
     """A socket at the port that was asked for, else at the one that browsers know, else at the first free one.
 
     Raises:

@@ -184,10 +184,10 @@ def test_the_lease_of_a_bench_is_had_without_a_campaign_and_outlasts_each(desk: 
     assert bench.ask(ADA, do="lease", name="Ada")["ok"] is True
     assert bench.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken"
     for do in ("begin", "resume", "make-report", "plan"):
-        assert bench.commands.refused_at_desk(do, ADA) is None
-        assert bench.commands.refused_at_desk(do, GUEST) == {"do": do, "refused": "viewer"}
-    assert bench.commands.refused_at_desk("begin", BOB) == {"do": "begin", "refused": "no-lease"}
-    assert bench.commands.refused_at_desk("plan", BOB) is None
+        assert bench.commands.refused_at_bench(do, ADA) is None
+        assert bench.commands.refused_at_bench(do, GUEST) == {"do": do, "refused": "viewer"}
+    assert bench.commands.refused_at_bench("begin", BOB) == {"do": "begin", "refused": "no-lease"}
+    assert bench.commands.refused_at_bench("plan", BOB) is None
     bench.running = desk.running = True
     assert bench.ask(ADA, do="pause")["ok"] is True, "of the campaign that it started"
     assert desk.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken", "that campaign's own page"

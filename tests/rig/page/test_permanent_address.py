@@ -11,7 +11,7 @@ import pytest
 
 from rig.page.access import Access, Denied, Role
 from rig.page.permanent_address import ADDRESS, PermanentAddress
-from rig.page.process import lasting_socket
+from rig.page.process import permanent_socket
 from rig.page.settings import PageProblem, PageSettings
 
 BENCH = Path("lab") / "bench.toml"
@@ -91,13 +91,13 @@ def test_a_file_that_may_have_been_read_or_written_by_others_gives_new_tokens(
 
 def test_a_known_port_that_another_program_has_is_not_exchanged_in_silence(tmp_path: Path) -> None:
     address = PermanentAddress.opened(BENCH, place=tmp_path)
-    other = lasting_socket(PageSettings(), address)
+    other = permanent_socket(PageSettings(), address)
     other.listen()
-    next_one = lasting_socket(PageSettings(), address)
+    next_one = permanent_socket(PageSettings(), address)
     assert next_one.getsockname()[1] != other.getsockname()[1]
     address.known, address.port = True, other.getsockname()[1]
     with pytest.raises(PageProblem, match=r"choose another port once with --page-address 127\.0\.0\.1:PORT"):
-        lasting_socket(PageSettings(), address)
+        permanent_socket(PageSettings(), address)
     for sock in (other, next_one):
         sock.close()
     address.close()
