@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.cli.options import Command, MethodName, QuantityOption, RunOrFilter, RunPath, json_option, scheduler_option
-from rig.cli.output import console, job_bar, show, shown_path, write_json
+from rig.cli.output import console, job_bar, kept_after_stop, show, shown_path, write_json
 from rig.document.blocks import Block, Column, Note, Row, table
 from rig.document.words import FAIR, GOOD, PLAIN, POOR
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION
 from rig.jobs.choice import workers_for
 from rig.jobs.time_left import TimeLeft
-from rig.jobs.workers import WorkersFailed
 from rig.matrix.corrections import CORRECTIONS
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS
 
@@ -224,32 +223,25 @@ def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOpti
 def _each(
     runs: tuple[Path, ...], options: FitOptions, scheduler: str | None, *, suspect: bool, as_json: bool
 ) -> int:
-    """Fit the runs separately, with progress on standard error.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the message states how many runs were fitted.
-        WorkersFailed: likewise.
-    """
+    """Fit the runs separately, with progress on standard error; a stop states how many runs were fitted."""
     # loads numpy: not needed for the help
     from rig.identification import identify_each
 
-    ended: list[RunFit] = []
+    ended = 0
     clock = TimeLeft(len(runs))
     with job_bar("runs") as show_progress:
         show_progress(0, len(runs))
 
-        def finished(fit: RunFit, done: int) -> None:
-            ended.append(fit)
+        def finished(_fit: RunFit, done: int) -> None:
+            nonlocal ended
+            ended = done
             show_progress(done, len(runs), clock.after(done))
 
-        try:
-            processes = min(len(runs), os.cpu_count() or 1)
-            with workers_for(scheduler, processes) as workers:
-                where = replace(options, workers=workers)
-                fits = identify_each(runs, where, suspect=suspect, finished=finished)
-        except (KeyboardInterrupt, WorkersFailed) as stop:
-            kept = f"{len(ended)} of {len(runs)} runs were fitted; their fit.json files are kept"
-            raise type(stop)(f"{stop}\n{kept}" if str(stop) else kept) from stop
+        processes = min(len(runs), os.cpu_count() or 1)
+        kept = kept_after_stop(lambda: f"{ended} of {len(runs)} runs were fitted; their fit.json files are kept")
+        with kept, workers_for(scheduler, processes) as workers:
+            where = replace(options, workers=workers)
+            fits = identify_each(runs, where, suspect=suspect, finished=finished)
     failed = sum(1 for fit in fits if fit.error)
     if as_json:
         write_json({"runs": [fit.to_json() for fit in fits], "fitted": len(fits) - failed, "failed": failed})

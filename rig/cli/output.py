@@ -17,7 +17,7 @@ from rig.errors import RigError
 from rig.extras import how_to_install
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from rich.console import Console
 
@@ -78,6 +78,25 @@ def job_bar(what: str) -> Iterator[JobBar]:
             bar.update(task, description=doing or what, completed=done, total=total, left=left)
 
         yield show_progress
+
+
+@contextmanager
+def kept_after_stop(kept: Callable[[], str]) -> Iterator[None]:
+    """After Ctrl-C or a failure of the workers, add to the message which results are kept.
+
+    Args:
+        kept: called then; the sentence to add.
+
+    Raises:
+        KeyboardInterrupt: Passed on, with this sentence.
+        WorkersFailed: Likewise.
+    """
+    from rig.jobs.workers import WorkersFailed  # not needed for the help
+
+    try:
+        yield
+    except (KeyboardInterrupt, WorkersFailed) as stop:
+        raise type(stop)("\n".join(filter(None, (str(stop), kept())))) from stop
 
 
 def _plain(value: object) -> object:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rig.cli.options import Command, json_option, scheduler_option
-from rig.cli.output import JobBar, console, job_bar, show, write_json
+from rig.cli.output import JobBar, console, job_bar, kept_after_stop, show, write_json
 from rig.document.blocks import Column, Head, Paragraph, table
 from rig.errors import EXIT_DONE
-from rig.jobs.workers import WorkersFailed
 
 if TYPE_CHECKING:
     from rig.study.execution import StudyProgress
@@ -54,10 +52,13 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     from rig.study.outputs import as_json as plain
 
     folder = out or Path("logs") / f"study-{file.stem}"
+    resumable = kept_after_stop(
+        lambda: f"finished results are kept in {folder}; run the same command again to continue the study"
+    )
     if is_benchmark(file):
-        with _resumable(folder):
+        with resumable:
             return _benchmark(file, folder, processes, scheduler, as_json)
-    with _resumable(folder), job_bar("searches") as show_progress:
+    with resumable, job_bar("searches") as show_progress:
         outcome = run_study(file, folder, processes, _followed(show_progress), scheduler)
     if as_json:
         results = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
@@ -69,23 +70,6 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
         shown.print(f"page: {outcome.page}", soft_wrap=True)
         shown.print(f"tables: {folder / 'tables'}", soft_wrap=True)
     return EXIT_DONE
-
-
-@contextmanager
-def _resumable(folder: Path) -> Iterator[None]:
-    """After Ctrl-C or a failure of the workers, add a message on the stored results and how to continue.
-
-    Raises:
-        KeyboardInterrupt: Passed on, with this message.
-        WorkersFailed: Likewise.
-    """
-    kept = f"finished results are kept in {folder}; run the same command again to continue the study"
-    try:
-        yield
-    except KeyboardInterrupt as stop:
-        raise KeyboardInterrupt(kept) from stop
-    except WorkersFailed as error:
-        raise WorkersFailed(f"{error}\n{kept}") from error
 
 
 def _followed(show_progress: JobBar) -> Callable[[StudyProgress], None]:
