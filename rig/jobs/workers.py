@@ -34,9 +34,9 @@ class WorkersFailed(RigError):
     slug = "workers-failed"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job(Generic[T]):
-    """One independent computation.
+    """One independent computation, compared by identity.
 
     Attributes:
         name: name of the job in messages.
@@ -102,13 +102,12 @@ class Workers:
             WorkersFailed: as `results`.
         """
         listed = list(jobs)
-        places = {id(job): place for place, job in enumerate(listed)}
-        values: dict[int, T] = {}
+        values: dict[Job[T], T] = {}
         for job, value in self.results(listed):
-            values[places[id(job)]] = value
+            values[job] = value
             if finished is not None:
                 finished(job, len(values))
-        return [values[place] for place in range(len(listed))]
+        return [values[job] for job in listed]
 
 
 HERE = Workers()
@@ -213,7 +212,7 @@ class RemoteWorkers(Workers):
         """See `Workers.results`. After a worker process fails, each job that it may have run is run alone."""
         waiting, done = iter(jobs), SimpleQueue[Any]()
         running: dict[Any, Job[T]] = {}
-        failures: Counter[int] = Counter()
+        failures: Counter[Job[T]] = Counter()
         suspects: deque[Job[T]] = deque()
         retried: list[Job[T]] = []
         try:
@@ -235,7 +234,7 @@ class RemoteWorkers(Workers):
                     ended = [] if job is None else [job]
                     ended += [one for one in running.values() if one is not job]
                     running.clear()
-                    suspects.extend(one for one in ended if all(one is not other for other in suspects))
+                    suspects.extend(one for one in ended if one not in suspects)
                     _count_failures(ended, failures, error)
                     self._restart()
                     continue
@@ -245,7 +244,6 @@ class RemoteWorkers(Workers):
                     continue
                 if suspects and suspects[0] is job:
                     suspects.popleft()
-                failures.pop(id(job), None)  # another job may get its place in memory
                 for remark in answer.remarks:
                     warnings.warn(remark, DataWarning, stacklevel=2)
                 yield job, answer.value
@@ -267,15 +265,15 @@ def _next_of(suspects: Sequence[Job[T]], retried: list[Job[T]], waiting: Iterato
     return retried.pop() if retried else next(waiting, None)
 
 
-def _count_failures(jobs: Sequence[Job[Any]], failures: Counter[int], error: BaseException) -> None:
+def _count_failures(jobs: Sequence[Job[T]], failures: Counter[Job[T]], error: BaseException) -> None:
     """Count the failure of a worker process for the jobs that it may have run.
 
     Raises:
         WorkersFailed: too many for one of them.
     """
     for job in jobs:
-        failures[id(job)] += 1
-        if failures[id(job)] >= MOST_FAILURES:
+        failures[job] += 1
+        if failures[job] >= MOST_FAILURES:
             raise WorkersFailed(given_up(job.name, MOST_FAILURES)) from error
 
 
