@@ -10,17 +10,18 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import connection
 from pathlib import Path
 from typing import TypeVar, cast
 
-from rig.jobs.workers import Answer, ExecutorWorkers, Job, Missing, Shared, answered
+from rig.jobs.workers import ExecutorWorkers, Shared
 
 T = TypeVar("T")
 TERMINATION_S = 3.0
 """Maximum time that a process takes to terminate (s)."""
+
 
 def follow_parent(leave: Callable[[], object] | None = None) -> None:
     """In a new worker process: leave Ctrl-C to the parent, and terminate with it.
@@ -48,8 +49,7 @@ class LocalWorkers(ExecutorWorkers):
         self._begin = begin
         self._jobs_per_process = jobs_per_process
         self._folder = folder
-        self._pool = self._started(count)
-        super().__init__(self._pool, count)
+        super().__init__(self._started(count), count)
 
     def share(self, value: T) -> T:
         """See `Workers.share`."""
@@ -61,7 +61,7 @@ class LocalWorkers(ExecutorWorkers):
     def end(self) -> None:
         """Terminate the processes immediately."""
         workers = list(multiprocessing.active_children())
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self.executor.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
             worker.terminate()
         until_s = time.monotonic() + TERMINATION_S
@@ -71,7 +71,7 @@ class LocalWorkers(ExecutorWorkers):
 
     def finish(self) -> None:
         """Stop the processes once they are idle."""
-        self._pool.shutdown()
+        self.executor.shutdown()
 
     def _started(self, count: int) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
@@ -79,12 +79,9 @@ class LocalWorkers(ExecutorWorkers):
             max_tasks_per_child=self._jobs_per_process,
         )  # fmt: skip
 
-    def _submit(self, job: Job[T]) -> Future[Answer[T] | Missing]:
-        return self._pool.submit(answered, job.function, job.arguments)
-
     def _restart(self) -> None:
         self.finish()
-        self.executor = self._pool = self._started(self.count)
+        self.executor = self._started(self.count)
 
 
 @contextmanager
