@@ -110,7 +110,7 @@ def cluster(address: str) -> Iterator[Cluster]:
         name = str(error.task).partition(KEY)[0]
         raise WorkersFailed(given_up(name, error.allowed_failures + 1)) from error
     except (CancelledError, CommClosedError) as error:
-        raise WorkersFailed(f"Dask scheduler {address}: connection lost. Fix: check that it is running") from error
+        raise WorkersFailed(_lost(address)) from error
     finally:
         with suppress(Exception):  # a lost scheduler cannot be closed cleanly
             client.close(timeout=2.0 if client.status == "running" else 0.1)
@@ -168,7 +168,6 @@ class Cluster(RemoteWorkers):
         self.address = address
         self.executor: Executor = client.get_executor(pure=False)
         self._client = client
-        self._software = _software()
         self._count = 1
         self._counted_s = -COUNTED_EVERY_S
         self._alone_since_s: float | None = None
@@ -249,7 +248,7 @@ class Cluster(RemoteWorkers):
         Raises:
             RigError: a worker (named in the message) or the scheduler differs.
         """
-        expected = self._software if expected is None else expected
+        expected = _software() if expected is None else expected
         answers: dict[str, Any] = self._client.run(_software, on_error="return")
         for worker, answer in sorted(answers.items()):
             _check_versions(f"worker {worker}", answer, expected)
@@ -302,11 +301,8 @@ class Cluster(RemoteWorkers):
                 workers: Mapping[str, int] = self._client.nthreads()
                 return workers
         except (OSError, ValueError, RuntimeError, AttributeError) as error:  # exceptions of a lost connection
-            raise self._lost() from error
-        raise self._lost()
-
-    def _lost(self) -> WorkersFailed:
-        return WorkersFailed(f"Dask scheduler {self.address}: connection lost. Fix: check that it is running")
+            raise WorkersFailed(_lost(self.address)) from error
+        raise WorkersFailed(_lost(self.address))
 
     def _look(self) -> None:
         """Stop the work if the scheduler or all workers are lost.
@@ -327,7 +323,7 @@ class Cluster(RemoteWorkers):
 
     def _submit(self, job: Job[T]) -> Any:  # noqa: ANN401 - a future of Dask
         return self._client.submit(
-            _call, self._software, job.function, job.arguments, key=f"{job.name}{KEY}{uuid.uuid4().hex}", pure=False
+            _call, _software(), job.function, job.arguments, key=f"{job.name}{KEY}{uuid.uuid4().hex}", pure=False
         )
 
     def _restart(self) -> None:
@@ -337,6 +333,11 @@ class Cluster(RemoteWorkers):
         if futures and self._client.status == "running":
             with suppress(OSError, TimeoutError, CancelledError):  # it may be gone by now
                 self._client.cancel(futures)
+
+
+def _lost(address: str) -> str:
+    """Message about a scheduler that no longer answers."""
+    return f"Dask scheduler {address}: connection lost. Fix: check that it is running"
 
 
 def _kept(token: str, payload: bytes) -> str | None:
