@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from rig.dampers.arrays import FloatArray
 from rig.identification.models.measurement import MeanCycles, Measurement, samples_a_cycle
-from rig.identification.points.preparation import repeat_scatter_N
+from rig.identification.points.preparation import MEDIAN_OF_NORMAL, repeat_scatter_N
 from rig.identification.remarks import say
+from rig.signals.fourier import MEDIAN_OF_EXPONENTIAL
 from rig.signals.waveform import WAVEFORMS
 
 LONG = 65_536
@@ -54,7 +55,6 @@ LEAST_SPREAD = 0.1
 """Minimum standard deviation of the distances from the midpoint (intervals) for a mean to be checked.
 
 Below it, a slow drift between the clocks would correlate with a drift of the force."""
-MEDIAN_OF_CHI2 = 0.45493642311957283  # median of the square of a standard normal variable
 FEWEST_OF_MEAN = 0.5
 """Fraction of the usual number of samples below which a mean is ignored."""
 
@@ -84,7 +84,7 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
     known = sums.counts >= FEWEST_OF_MEAN * float(np.median(sums.counts[sums.counts > 0.0]))
     force_N = np.where(known, means_N - curve.slope * apart_mean - 0.5 * curve.bend * square, 0.0)
     squares_N2, count = 0.0, float(np.sum(sums.counts[known]))
-    spread = math.sqrt(float(np.sum((sums.means()[1] * sums.counts)[known])) / count) > TIE_FRACTION
+    spread = math.sqrt(float(np.sum((square * sums.counts)[known])) / count) > TIE_FRACTION
     if spread and places.phases < FEWEST_SPREAD_PHASES:
         return None
     within = _IntervalResiduals(places)
@@ -263,7 +263,7 @@ class _IntervalResiduals:
             if not np.any(checked):
                 continue
             power = np.where(checked, power, 0.0) * scatter_N**2
-            single = float(np.median(products[checked] ** 2 / power[checked])) / MEDIAN_OF_CHI2
+            single = float(np.median(products[checked] ** 2 / power[checked])) / MEDIAN_OF_NORMAL**2
             products, power = np.where(checked, products, 0.0).sum(axis=0), power.sum(axis=0)
             seen = power > 0.0
             together = products[seen] ** 2 / (max(single, 1.0) * power[seen])
@@ -276,7 +276,7 @@ def _significant_harmonics(values: FloatArray) -> FloatArray:
     """Harmonics of a curve above its noise; noise would bend the curve of all groups, like a misfit."""
     spectrum = np.fft.rfft(values)
     power = np.abs(spectrum) ** 2
-    noise = float(np.median(power[power.size // 2 :])) / math.log(2.0)
+    noise = float(np.median(power[power.size // 2 :])) / MEDIAN_OF_EXPONENTIAL
     return np.fft.irfft(np.where(power > OUT_OF_NOISE * noise, spectrum, 0.0), values.size)
 
 
