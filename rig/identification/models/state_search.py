@@ -65,6 +65,7 @@ class StateSquares(Squares):
         self.evaluations = evaluations
         self.budget = MOST_EVALUATIONS
         self.counting = sum(int(np.count_nonzero(w)) for _, w in self._data)
+        self.weight = sum(float(np.sum(w**2)) for _, w in self._data)
 
     def value(self, theta: FloatArray) -> float:
         """See `Squares.value`."""
@@ -183,8 +184,7 @@ def solve_states(
     rough = NEARLY if start is not None and nearest > DESCRIBED * short.noise_power else ROUGH
     tried = [short.minimise(theta, first, rough, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda minimum: minimum[1])
-    weight = sum(float(np.sum(weighting.of(test, index) ** 2)) for index, test in enumerate(few))
-    reached = SearchState(math.sqrt(best[1] / max(weight, 1e-300)), short.evaluations)
+    reached = SearchState(math.sqrt(best[1] / max(short.weight, 1e-300)), short.evaluations)
     if (reason := reached.abandon_reason(model.name, rival_N)) is not None:
         raise SearchAbandoned(reason, reached)
     theta, left = best if len(thetas) == 1 else short.minimise(best[0], ITERATIONS, ROUGH)
