@@ -20,10 +20,10 @@ from rig.recording.hdf5.hdf5_objects import (
     Checks,
     StoredValues,
     number_type,
+    rows_of,
     set_attributes,
     set_number,
     texts_of,
-    values_of,
     write_values,
 )
 from rig.recording.layout import CHUNK_SAMPLES, FORMAT_VERSION, AlignedChannel
@@ -222,12 +222,11 @@ class _Image:
         """Whether another channel of the same message has stored this column, which is then only linked."""
         import h5py
 
-        values, kind = column
+        (values, kind), (_, length, check) = column, key
         known = self._stored.get(key)
-        if known is None or values_of(known).tobytes() != np.asarray(values).astype(kind).tobytes():
+        if known is None or rows_of(known, slice(0, length)).tobytes() != np.asarray(values).astype(kind).tobytes():
             return False
         h5py.h5o.link(known, group, name.encode())
-        _, length, check = key
         self.checks[f"{place}/{name}"] = StoredValues(length, np.dtype(kind), check)
         return True
 

@@ -154,20 +154,6 @@ def write_values(dataset: h5py.h5d.DatasetID, start: int, values: NDArray[Any]) 
     dataset.write(h5py.h5s.create_simple(values.shape), rows, values)
 
 
-def values_of(dataset: h5py.h5d.DatasetID) -> NDArray[Any]:
-    """All values of a dataset of numbers (n,).
-
-    Raises:
-        OSError: they cannot be read.
-    """
-    import h5py
-
-    values = np.empty(dataset.shape, dataset.dtype)
-    if values.size:
-        dataset.read(h5py.h5s.ALL, h5py.h5s.ALL, values)
-    return values
-
-
 def rows_of(dataset: h5py.h5d.DatasetID, rows: slice) -> NDArray[Any]:
     """Some rows of a dataset (m,), without a step.
 
