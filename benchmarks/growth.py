@@ -32,6 +32,7 @@ from many_runs import make as make_runs
 
 from rig.clock import utc_now
 from rig.dampers import model, parameter_set
+from rig.recording.run_index import NAME, SETTLED_NS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENT = ROOT / "docs" / "benchmarks.md"
@@ -43,8 +44,6 @@ COLUMNS = [f"--column={quantity}={quantity}:{unit}" for quantity, unit in (
 RATE_Hz, CYCLES = 250.0, 10
 HOURS_POINTS, LINES_OF_A_POINT = 120, 12
 """Of a campaign: points in an hour, lines of its journal for each."""
-KEPT = 2.0
-"""Seconds after which a file counts as settled for the index of runs."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,7 @@ class Work:
         larger: sizes of `--largest`.
         written: the file whose size is reported, in the folder of the input.
         remark: why it grows as it does, where it is not proportional.
+        rival: whether pandas reads the same file, for comparison.
     """
 
     name: str
@@ -220,14 +220,14 @@ def indexed(lab: Lab, runs: int, *, again: bool = True) -> Path:
     """A folder of so many runs with five points each; with its index unless the index is to be made."""
     def fill(place: Path) -> None:
         make_runs(place, runs, 5)
-        time.sleep(KEPT + 0.1)
+        time.sleep(1e-9 * SETTLED_NS + 0.1)
 
     place = lab.once(f"{lab.code.name}-many-{runs}", fill) / "runs"
-    if again and not (place / ".rig-runs.sqlite").exists():
+    if again and not (place / NAME).exists():
         command = [sys.executable, "-c", INDEX, str(ROOT / "benchmarks"), str(place)]
         subprocess.run(command, env=lab.environment, check=True)
     if not again:
-        (place / ".rig-runs.sqlite").unlink(missing_ok=True)
+        (place / NAME).unlink(missing_ok=True)
     return place
 
 
