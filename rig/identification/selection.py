@@ -41,7 +41,7 @@ class _Attempt:
 
     Attributes:
         candidate: the fitted model; None without one.
-        rmse_N: its root mean square error on the tests; infinite without one.
+        rmse_N: its root mean square error on the tests; infinite without one, or if no other model is compared.
         reached: state of its search when it was compared with a rival.
         free: number of its free parameters.
         refused: reason why the method cannot fit it; empty if it can.
@@ -54,14 +54,16 @@ class _Attempt:
     refused: str = ""
 
 
-def _attempt(model: DamperModel, fitted: Sequence[Measurement], method: Method, rival_N: float) -> _Attempt:
-    """In a worker: fit one model."""
+def _attempt(
+    model: DamperModel, fitted: Sequence[Measurement], method: Method, rival_N: float, alone: bool
+) -> _Attempt:
+    """In a worker: fit one model; the error of one that is `alone` is not needed."""
     findings = examine(model, fitted)
     free = len(findings.free(model.names))
     try:
         with evaluating(f"the fit of {model.name}"):
             candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
-            rmse_N = score(model, candidate.solution.values, fitted).rmse_N
+            rmse_N = math.inf if alone else score(model, candidate.solution.values, fitted).rmse_N
     except SearchAbandoned as error:
         return _Attempt(None, math.inf, error.reached, free)
     except IdentificationFailed as error:
@@ -110,7 +112,8 @@ def _attempts(
     workers: Workers,
 ) -> list[_Attempt]:
     """Fit all models; each search is compared with the earlier models whose error is known by then."""
-    if len(order) == 1:
+    alone = len(order) == 1
+    if alone:
         workers = HERE  # a search may use the workers for its populations
     report, clock = on_progress or (lambda line: None), TimeLeft(len(order))
     known: dict[int, _Attempt] = {}
@@ -121,7 +124,7 @@ def _attempts(
         for number, model in enumerate(order):
             if workers is HERE:
                 report(f"fitting {model.name} ({number + 1} of {len(order)})")
-            yield Job(model.name, _attempt, (model, shared, sent, _rival_N(order, known)))
+            yield Job(model.name, _attempt, (model, shared, sent, _rival_N(order, known), alone))
 
     places = {model.name: number for number, model in enumerate(order)}
     for job, attempt in workers.results(jobs()):
