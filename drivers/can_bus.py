@@ -32,24 +32,25 @@ class CanBus:
 
     Args:
         address: of the bus.
-        fd: whether CAN FD frames are sent or received.
     """
 
-    def __init__(self, address: CanAddress, *, fd: bool = False) -> None:
-        self.port = CanPort(address, fd=fd, device=address.text)
+    def __init__(self, address: CanAddress) -> None:
+        self.port = CanPort(address, device=address.text)
         self.handles: list[BusHandle] = []
         self.connection: SharedConnection[tuple[list[Frame], int]] = SharedConnection(
             address.text, self.port.open, self.port.close, self.port.receive, self._take
         )
 
-    def join(self, device: str, hears: Hears, *, rest: bool = False) -> BusHandle:
-        """Add a device and return its handle.
+    def join(self, device: str, hears: Hears, *, rest: bool = False, fd: bool = False) -> BusHandle:
+        """Add a device and return its handle; all devices join before the bus is opened.
 
         Args:
             device: its name.
             hears: selects the frames of this device.
             rest: whether it also receives the frames that no other device selects.
+            fd: whether it sends or receives CAN FD frames.
         """
+        self.port.fd = self.port.fd or fd
         handle = BusHandle(self, device, hears, rest=rest)
         self.handles.append(handle)
         self.connection.add(device)
@@ -161,7 +162,7 @@ class CanSensorPort:
     def __init__(self, bus: CanBus, device: str, frame: CanFrame) -> None:
         self.url = bus.connection.name
         self._frame = frame
-        self._handle = bus.join(device, self._hears)
+        self._handle = bus.join(device, self._hears, fd=frame.fd)
         self._address = frame.source_address
         self._others: set[int] = set()
         self._sizes: set[int] = set()

@@ -36,6 +36,7 @@ class CanPort:
         device: name of the device for messages.
 
     Attributes:
+        fd: CAN FD frames are among those that are sent or heard; has effect from the next `open` on.
         bus_errors: error frames the interface reported.
         at_ns: host time of each frame of the last `receive`, by the interface's time stamps as far as these are used;
             empty where the interface gives none.
@@ -48,7 +49,7 @@ class CanPort:
         self.stamps = StampClock()
         self.device = device
         self._address = address
-        self._fd = fd
+        self.fd = fd
         self._switched = "data_bitrate" in address.options
         self._interface = address.interface
         self._channel = address.channel
@@ -81,7 +82,7 @@ class CanPort:
                     self._channel, self._address.bitrate, device=self.device, **self._address.options
                 )
             else:
-                options = {"fd": True, **self._address.options} if self._fd else dict(self._address.options)
+                options = {"fd": True, **self._address.options} if self.fd else dict(self._address.options)
                 self._bus = can.Bus(
                     interface=self._interface, channel=self._channel, bitrate=self._address.bitrate, **options
                 )

@@ -277,13 +277,9 @@ def make_current_source(
             "ecu", bus.channel, f"unknown dbc {name!r}; known: {', '.join(known_current_source_names())}"
         )
     described = current_source(given, roles)
-    port = CanPort(bus, fd=described.fd) if shared is None else shared.join("ecu", described.hears, rest=True)
-    return CanCurrentSource(port, described)
-
-
-def current_source_needs_fd(given: Given, roles: Mapping[str, Any] | None) -> bool:
-    """Whether a current source sends or receives CAN FD frames; plug-ins are not checked."""
-    return _is_described(given) and current_source(given, roles).fd
+    if shared is None:
+        return CanCurrentSource(CanPort(bus, fd=described.fd), described)
+    return CanCurrentSource(shared.join("ecu", described.hears, rest=True, fd=described.fd), described)
 
 
 def make_supply(connection: SupplyConnection, line: ModbusLine | None = None) -> CurrentSource:

@@ -122,6 +122,21 @@ def test_a_message_without_a_dbc_is_described_by_its_bytes(node: can.BusABC) -> 
     travel.close()
 
 
+def test_a_bus_is_opened_for_can_fd_if_one_of_its_devices_uses_it(node: can.BusABC) -> None:
+    bus = bus_of()
+    force = sensor(bus, "load_cell", FORCE)
+    assert not bus.port.fd
+    table = {"id": 0x182, "length": 12, "fields": {"value": {"at": 8, "type": "i32", "scale": 0.001}}}
+    travel = sensor(bus, "lvdt", table)
+    assert bus.port.fd
+    travel.open()
+    data = bytes(8) + (-2500).to_bytes(4, "little", signed=True)
+    node.send(can.Message(arbitration_id=0x182, is_extended_id=False, is_fd=True, data=data))
+    assert values(travel, 1) == [pytest.approx(-2.5)]
+    assert not force.is_open
+    travel.close()
+
+
 def test_the_ecu_and_sensors_share_a_bus_and_each_has_its_own_frames(node: can.BusABC) -> None:
     bus = bus_of()
     force, description = sensor(bus, "load_cell", FORCE), current_source("demo")
