@@ -17,9 +17,11 @@ from dataclasses import dataclass, field, replace
 from drivers import clock
 from drivers.connection import LineSettings
 from drivers.errors import DamagedAnswer, DriverError, LinkLost, NoAnswer
+from drivers.modbus_wire import TRANSACTIONS
 from drivers.ring import Channel
 from drivers.sample_stream import Batch, SampleCounters, SampleScale, SampleStream
 from drivers.serial_port import SerialPort
+from drivers.serial_sensor import AHEAD_S, AHEAD_TIMEOUT_S, REQUEST_RATE_Hz
 from drivers.shared_connection import SharedConnection
 from protocols import modbus
 from protocols.binary_decoder import FrameMeaning
@@ -28,13 +30,8 @@ from protocols.errors import RemoteProtocolError
 from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, Reading
 from protocols.modbus_format import FUNCTIONS, MOST_REGISTERS
 
-REQUEST_RATE_HZ = 100.0
-"""Default request rate, if neither the bench file nor the format states a rate."""
-AHEAD_S, MOST_AHEAD = 0.25, 64
-"""Wall time covered by pending requests to a device with its own clock, and the maximum number per block."""
-AHEAD_TIMEOUT_NS = 1_000_000_000
-"""Long time-out, because the clock of such a device may pause."""
-TRANSACTIONS = 1 << 16
+MOST_AHEAD = 64
+"""Maximum number of pending requests per block to a device with its own clock."""
 READINGS_KEPT = 1 << 16
 LOOK_NS = 5_000_000
 """Interval at which an idle line checks for requests to the output."""
@@ -436,10 +433,10 @@ class ModbusSensor:
         self.channel = channel
         self.registers = registers
         self.bad_frames = self.skipped_bytes = 0
-        rate_Hz = scale.rate_Hz or layout.nominal_rate_Hz or REQUEST_RATE_HZ
+        rate_Hz = scale.rate_Hz or layout.nominal_rate_Hz or REQUEST_RATE_Hz
         clocked = scale.device_rate == 1.0
         self.period_ns = int(1e9 / (rate_Hz * scale.device_rate))
-        self.timeout_ns = int(layout.exchange.answer_timeout_s * 1e9) if clocked else AHEAD_TIMEOUT_NS
+        self.timeout_ns = int((layout.exchange.answer_timeout_s if clocked else AHEAD_TIMEOUT_S) * 1e9)
         self.ahead = max(1, min(MOST_AHEAD, int(AHEAD_S * rate_Hz * scale.device_rate)))
         self._line = line
         self._layout = layout
