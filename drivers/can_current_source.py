@@ -32,7 +32,6 @@ from drivers.devices.ecu_description import (
     CURRENT,
     ECU,
     ENABLE,
-    EXTENDED,
     FAULTS,
     FIRMWARE,
     LAYOUT,
@@ -45,6 +44,7 @@ from drivers.errors import DriverError
 from drivers.frame_checks import FrameChecks
 from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from protocols.can_frame import EXTENDED
 from protocols.j1939 import parameter_group, same_receiver, source_address
 from protocols.quality import Quality
 from protocols.slcan import Frame

@@ -6,8 +6,9 @@ import math
 from collections import deque
 
 from drivers.current_source import SourceCounters
-from drivers.devices.ecu_description import CLOCK, EXTENDED, FAULTS, STATE, EcuDescription, HeardMessage
-from protocols.e2e import Protection
+from drivers.devices.ecu_description import CLOCK, FAULTS, STATE, EcuDescription, HeardMessage
+from protocols.can_frame import EXTENDED
+from protocols.e2e import BEYOND, Protection
 
 PATIENCE_PERIODS = 5
 """So many of its periods may pass before a message that a status needs counts as gone ..."""
@@ -72,7 +73,7 @@ class FrameChecks:
         is_status = key == self._description.status
         difference = protection.difference(data)
         count = protection.count(data)
-        if difference or count < -1:
+        if difference or count == BEYOND:
             self._wrong(message.name, difference, is_status)
             self._bad.setdefault(message.name, deque(maxlen=BAD_KEPT)).append(data)
             return None

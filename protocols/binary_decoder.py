@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Iterator
 
 from protocols.binary_format import MOST_DECIMALS, BinaryFormat, scaled
+from protocols.e2e import BEYOND
 from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, STATUS_SENSOR_FAULT, Reading
 
 _NO_CLOCK = -1
 _SLIP = {0xDC: 0xC0, 0xDD: 0xDB}
 _DLE = 0x10
-BEYOND = -2
-"""Marks a protection counter outside its range."""
 
 
 class BinaryDecoder:

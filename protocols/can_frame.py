@@ -16,7 +16,7 @@ from protocols.e2e import Protection
 from protocols.j1939 import parameter_group, source_address
 
 EXTENDED = 1 << 31
-"""Flag in the number of a message with an extended identifier."""
+"""Flag in the number of a message with an extended identifier, as in a DBC file."""
 _HEAD = 6
 NO_PROTECTION = Protection()
 

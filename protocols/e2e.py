@@ -15,6 +15,8 @@ from protocols.can_signals import Signal, put, take
 
 FIFTEEN = 15
 """Counters of the profiles 1 and 11 run 0..14; 15 is not valid."""
+BEYOND = -2
+"""In place of a counter that is beyond its range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +146,11 @@ class Protection:
         return not self.difference(data) and all(take(data, signal) == raw for signal, raw in self.fixed)
 
     def count(self, data: bytes) -> int:
-        """The counter of a frame; -1 where it has none, -2 where it is beyond its range."""
+        """The counter of a frame; -1 where it has none, `BEYOND` where it is beyond its range."""
         if self.counter is None:
             return -1
         count = take(data, self.counter)
-        return count if count < self.modulus else -2
+        return count if count < self.modulus else BEYOND
 
     def places(self, size: int) -> dict[str, frozenset[int]]:
         """The bits of a frame of `size` bytes that it takes, by what takes them."""

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-EXTENDED = 1 << 31
-"""Set in the number of a frame with an extended identifier, as in a DBC file."""
-
 Frame = tuple[int, bytes]
 """Identifier (`EXTENDED` set where it is extended) and data."""
 

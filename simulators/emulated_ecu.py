@@ -17,13 +17,14 @@ from typing import Any
 from drivers.devices.dbc_file import DbcText, can_database
 from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.source import current_source, preset
+from protocols.can_frame import EXTENDED
 from protocols.can_signals import Signal
 from protocols.errors import RemoteProtocolError
 from protocols.j1939 import from_address
 from rig.files.described import described
 from rig.files.network_text import dbc_text
 from simulators.ecu_protection import seal_of
-from simulators.ecu_wire import EXTENDED, Command, Frame, Shown
+from simulators.ecu_wire import Command, Frame, Shown
 
 FIRMWARE = 0x0100
 USUAL_US = {"measured_current": 10_000, "serial_number": 1_000_000, "firmware": 1_000_000, "layout": 1_000_000}

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.roles import Command, Result
+from protocols.can_frame import EXTENDED
 from rig.clock import monotonic_ns
 from simulators.actuator import ENDLESS_CYCLES
 from simulators.beyond_limits import BEYOND_LASTING, BEYOND_PASSING
-from simulators.ecu_wire import EXTENDED
 from simulators.ecu_wire import Command as CurrentCommand
 from simulators.faulty import Faulty, LastingInjector, PassingInjector, Undo
 from simulators.named_port import NamedPort

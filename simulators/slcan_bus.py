@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 
-from simulators.ecu_wire import EXTENDED
+from protocols.can_frame import EXTENDED
 from simulators.peer_queue import PeerQueue
 
 OK = b"\r"

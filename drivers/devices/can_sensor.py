@@ -23,13 +23,11 @@ from protocols.e2e import Protection
 from protocols.errors import LocalProtocolError
 from protocols.exchange import Exchange
 from protocols.format_checks import field_problems, message_problems
+from protocols.j1939 import from_address
+from protocols.slcan import CLASSIC_LENGTH, FD_LENGTHS
 
-CLASSIC_BYTES, FD_BYTES = 8, 64
-_FD_SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _BYTE_TYPES = {size: name for name, size in SIZES.items() if name.startswith("u")}
 _STANDARD_BITS = 11
-RAW = "value"
-"""Name of the signal in a message that is described without a DBC file."""
 
 Table = Mapping[str, Any]
 
@@ -77,9 +75,7 @@ def _of_dbc(table: Table, problems: list[Problem]) -> BinaryFormat | None:
     if "status" in table:
         fields |= _status(reading, message, table["status"])
     protection = _protection(reading, message, table)
-    if protection.counter is not None:
-        counter = _field(reading, Found(message, DbcSignal(protection.counter)), ("protection", "counter"))
-        fields |= {} if counter is None else {"sequence": counter}
+    fields |= _sequence(reading, message, protection)
     frame = _frame(table, message, protection, chosen, problems)
     problems += ((item.place, item.text) for item in reading.problems)
     if problems or value is None:
@@ -110,12 +106,12 @@ def _by_hand(table: Table, problems: list[Problem]) -> BinaryFormat | None:
         problems.append((("id",), "exceeds the 11 bits of a standard frame (0x7FF). Fix: set extended = true"))
         return None
     size = table["length"]
-    if size not in _FD_SIZES:
-        sizes = ", ".join(map(str, _FD_SIZES))
+    if size not in FD_LENGTHS:
+        sizes = ", ".join(map(str, FD_LENGTHS))
         problems.append((("length",), f"must be the length of a CAN frame (at most 8) or CAN FD frame: {sizes}"))
         return None
     message = DbcMessage(
-        "", table["id"], extended, size > CLASSIC_BYTES, size, {}, 0.0, 0, j1939=extended and table.get("j1939", False)
+        "", table["id"], extended, size > CLASSIC_LENGTH, size, {}, 0.0, 0, j1939=extended and table.get("j1939", False)
     )
     fields: dict[str, Field] = {}
     for name, given in table["fields"].items():
@@ -124,10 +120,9 @@ def _by_hand(table: Table, problems: list[Problem]) -> BinaryFormat | None:
         fields[name] = Field(**entries)
     reading = Reading({})
     protection = _protection(reading, message, table)
+    if "sequence" not in fields:
+        fields |= _sequence(reading, message, protection)
     problems += ((item.place, item.text) for item in reading.problems)
-    if protection.counter is not None and "sequence" not in fields:
-        counter = _field(reading, Found(message, DbcSignal(protection.counter)), ("protection", "counter"))
-        fields |= {} if counter is None else {"sequence": counter}
     frame = _frame(table, message, protection, None, problems)
     return None if problems else _format(table, frame, fields, table.get("unit", "N"), problems)
 
@@ -169,7 +164,7 @@ def _request(table: Table, frame: CanFrame, problems: list[Problem]) -> bytes:
         if frame.by_group and frame.source_address is None:
             problems.append((("request",), "a remote frame needs the complete identifier. Fix: specify source_address"))
         address = frame.source_address
-        key = frame.key if address is None else frame.key & ~0xFF | address
+        key = frame.key if address is None else from_address(frame.key, address)
         return encode_request(key, bytes(frame.size), remote=True)
     extended = given.get("extended", given["id"] >> _STANDARD_BITS != 0)
     return encode_request(given["id"] | (EXTENDED if extended else 0), bytes(given.get("data", ())), remote=False)
@@ -185,7 +180,7 @@ def _frame(
         problems.append((("source_address",), "applies only to a J1939 message, which has a 29-bit identifier"))
     if table.get("j1939") and not message.extended:
         problems.append((("j1939",), "requires a 29-bit identifier. Fix: set extended = true"))
-    if message.size > (FD_BYTES if message.fd else CLASSIC_BYTES):
+    if message.size > (FD_LENGTHS[-1] if message.fd else CLASSIC_LENGTH):
         problems.append((("signal",), f"message {message.name!r} has {message.size} bytes; a sensor's message must fit "
             "into one frame"))
     return CanFrame(
@@ -204,6 +199,14 @@ def _protection(reading: Reading, message: DbcMessage, table: Table) -> Protecti
         item._replace(place=("protection", *item.place[2:])) for item in reading.problems[before:]
     ]
     return made
+
+
+def _sequence(reading: Reading, message: DbcMessage, protection: Protection) -> dict[str, Field]:
+    """The counter of the protection as the sequence number; empty without a counter."""
+    if protection.counter is None:
+        return {}
+    counter = _field(reading, Found(message, DbcSignal(protection.counter)), ("protection", "counter"))
+    return {} if counter is None else {"sequence": counter}
 
 
 def _status(reading: Reading, message: DbcMessage, given: Mapping[str, Any]) -> dict[str, Field]:

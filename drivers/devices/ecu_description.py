@@ -8,12 +8,11 @@ from functools import cached_property
 
 from drivers.current_source import SourceFault, SourceState, SourceTiming
 from drivers.roles import UNNAMED
+from protocols.can_frame import EXTENDED
 from protocols.can_signals import FrameReader, FrameWriter, Signal
 from protocols.e2e import Protection
 from protocols.j1939 import parameter_group
 
-EXTENDED = 1 << 31
-"""Set in the key of a message with an extended identifier, as in a DBC file."""
 UNNAMED_BITS = 32
 """So far up a bit is moved that has no name and whose number has another meaning here."""
 _TAKEN = sum(SourceFault)

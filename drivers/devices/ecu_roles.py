@@ -21,7 +21,6 @@ from drivers.devices.ecu_description import (
     CURRENT,
     ECU,
     ENABLE,
-    EXTENDED,
     FAULTS,
     FIRMWARE,
     LAYOUT,
@@ -36,6 +35,7 @@ from drivers.devices.ecu_missing import missing
 from drivers.devices.role_protection import read_protection
 from drivers.devices.role_reading import SCALING, Found, Place, Reading, RoleProblems
 from drivers.devices.sent_frames import sent_frames
+from protocols.can_frame import EXTENDED
 from protocols.can_signals import FrameReader, Placed, Signal
 from protocols.e2e import Protection
 from protocols.j1939 import from_address
