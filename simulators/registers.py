@@ -17,7 +17,7 @@ from drivers.register_maps.meanings import Codes
 from drivers.register_maps.quantity import BITS, HOLDING, LAST_ADDRESS, SPACES, Quantity
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
 from drivers.register_maps.read_recipes import TESTED
-from drivers.register_maps.recipe import Write
+from drivers.register_maps.recipe import Recipe, Write
 from drivers.roles import Command, Pressure, Result, State, WatchdogAction
 from protocols.errors import LocalProtocolError
 from simulators.actuator import Actuator
@@ -86,14 +86,10 @@ class RegisterBank:
         self._cells: Cells = {}
         self._status = EmulatedStatus(emulated)
         self._shown_before: dict[tuple[int, ...], Registers] = {}
-        self._scripts = Scripts(
-            scripts_of(emulated.recipes.commands), lambda one, value: raw_of(one, float(value)), self._raw
-        )
-        self._before = preconditions({**emulated.recipes.commands, Command.NONE: emulated.recipes.setpoint})
-        self._handshakes = Scripts(
-            scripts_of({Command.NONE: emulated.recipes.setpoint} if emulated.setpoint_waits else {}),
-            lambda one, value: raw_of(one, float(value)), self._raw,
-        )
+        setpoint = {Command.NONE: emulated.recipes.setpoint}
+        self._scripts = self._recognised(emulated.recipes.commands)
+        self._handshakes = self._recognised(setpoint if emulated.setpoint_waits else {})
+        self._before = preconditions({**emulated.recipes.commands, **setpoint})
         self._restore_s = 0.0
         self._led: tuple[Condition, ...] = ()
         self._led_s = 0.0
@@ -209,9 +205,7 @@ class RegisterBank:
             if quantity.name in self._feeds or setpoint == "$counter":
                 self._feed(self._raw(quantity), constant=not isinstance(self._feeds.get(quantity.name, "$"), str))
             if setpoint == "$position" and not self._map.setpoint_waits:
-                if not self._feeds and self._map.capabilities.watchdog is WatchdogKind.TIMEOUT:
-                    self._feed(0, constant=True)
-                self._follow_position(value_of(quantity, self._raw(quantity)))
+                self._follow_setpoint(quantity)
 
     def _accept_handshakes(self, touched: Iterable[Quantity]) -> None:
         """Accept a set-point with a handshake at its trigger step; acknowledge it if the machine follows."""
@@ -219,25 +213,32 @@ class RegisterBank:
             if self.actuator.state not in FOLLOWING:
                 continue
             if seen.decides:
-                if not self._feeds and self._map.capabilities.watchdog is WatchdogKind.TIMEOUT:
-                    self._feed(0, constant=True)
-                position = next(name for name, value in self._setpoints.items() if value == "$position")
-                quantity = self._map.quantities[position]
-                self._follow_position(value_of(quantity, self._raw(quantity)))
+                position = self._written_with("$position")
+                if position is not None:
+                    self._follow_setpoint(position)
             self._satisfy(seen.waits, {})
 
     def _feed(self, counter: int, *, constant: bool) -> None:
         self._fed = (self._fed + 1) & 0xFFFF if constant else counter
         self.actuator.feed(self._fed)
 
-    def _follow_position(self, position_m: float) -> None:
-        """A set-point; where the map has no speed for it, it is reached after the usual time between two."""
-        velocity = next((name for name, value in self._setpoints.items() if value == "$velocity"), None)
+    def _follow_setpoint(self, position: Quantity) -> None:
+        """Follow a set-point that was written; it also feeds a watchdog without a separate feed.
+
+        Where the map has no speed for it, it is reached after the usual time between two.
+        """
+        if not self._feeds and self._map.capabilities.watchdog is WatchdogKind.TIMEOUT:
+            self._feed(0, constant=True)
+        position_m, velocity = value_of(position, self._raw(position)), self._written_with("$velocity")
         if velocity is not None:
-            quantity = self._map.quantities[velocity]
-            self.actuator.follow(position_m, value_of(quantity, self._raw(quantity)))
+            self.actuator.follow(position_m, value_of(velocity, self._raw(velocity)))
         else:
             self.actuator.follow(position_m, None, self._within_s())
+
+    def _written_with(self, value: str) -> Quantity | None:
+        """The quantity that holds this value of a set-point; None if the map has none."""
+        name = next((name for name, held in self._setpoints.items() if held == value), None)
+        return None if name is None else self._map.quantities[name]
 
     def _within_s(self) -> float:
         """The usual time between two set-points; the last one where it was longer, but not a gap (s)."""
@@ -460,6 +461,10 @@ class RegisterBank:
         every = (*recipes.commands.values(), recipes.setpoint, recipes.feed, recipes.table)
         spans = [step.span for recipe in every for step in recipe if isinstance(step, Write) and step.span]
         return {(HOLDING, address) for low, high in spans for address in range(low, high + 1)}
+
+    def _recognised(self, recipes: Mapping[Command, Recipe]) -> Scripts:
+        """What recognises these recipes by what a host writes."""
+        return Scripts(scripts_of(recipes), lambda one, value: raw_of(one, float(value)), self._raw)
 
     @staticmethod
     def _named(recipe: Iterable[object]) -> dict[str, object]:
