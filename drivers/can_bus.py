@@ -16,7 +16,7 @@ from drivers.errors import DriverError
 from drivers.shared_connection import SharedConnection
 from drivers.stamp_clock import StampClock
 from protocols.can_frame import EXTENDED, CanFrame, decode_requests
-from protocols.j1939 import from_address, source_address
+from protocols.j1939 import source_address
 from protocols.slcan import Frame
 
 FRAMES_KEPT = 1 << 16
@@ -242,8 +242,6 @@ class CanSensorPort:
         """
         del timeout_s
         for key, content, remote in decode_requests(data):
-            if self._frame.source_address is None and self._address is not None and remote and self._frame.by_group:
-                key = from_address(key, self._address)
             self._handle.send(key & ~EXTENDED, content, extended=bool(key & EXTENDED), remote=remote)
 
     def _hears(self, identifier: int, extended: bool) -> bool:

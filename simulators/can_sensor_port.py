@@ -29,9 +29,9 @@ class CanSensorPort:
         self.dropped_frames = self.unheard_frames = self.sent_bytes = 0
         self._bus = bus
         self._request = layout.exchange.request
+        self._asked = next(decode_requests(self._request), None)
         address = SIMULATED_ADDRESS if message.source_address is None else message.source_address
         self._key = from_address(message.key, address) if message.by_group else message.key
-        self._group = message.by_group
         self._heard: list[tuple[int, bytes]] = []
         self._closed = self._read_once = False
 
@@ -72,10 +72,9 @@ class CanSensorPort:
         self._closed = True
 
     def _hear(self, identifier: int, data: bytes, remote: bool) -> None:
-        key, content, is_remote = next(decode_requests(self._request))
-        if self._group and is_remote:
-            key = self._key
-        same = data == content or remote
-        if (identifier, remote) == (key, is_remote) and same:
+        if self._asked is None:
+            return
+        key, content, is_remote = self._asked
+        if (identifier, remote) == (key, is_remote) and (remote or data == content):
             self._heard.append((monotonic_ns(), self._request))
 
