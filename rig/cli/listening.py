@@ -91,17 +91,17 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     if captured is not None:
         _refuse_bench(captured)
     log = _can_log(source, options)
-    on_bus = log is not None and options["given"] is None
+    words = _words
     if log is None:
         answer = _sensor(source, options)
-    elif on_bus:
-        answer = _can(log, options["dbc"])
+    elif options["given"] is None:
+        answer, words = _can(log, options["dbc"]), _can_words
     else:
         answer = _sensor_on_bus(str(source or captured), log.frames, options)
     if as_json:
         write_json(answer)
     else:
-        say("\n".join(_can_words(answer) if on_bus else _words(answer)))
+        say("\n".join(words(answer)))
     return EXIT_DONE if answer["found"] else EXIT_NOT_ALL_VALID
 
 
