@@ -60,7 +60,8 @@ class Matrices:
             return [], f"{self.folder}: cannot be read: {error.strerror}"
         usable = [name for name in names if _usable(name)]
         self._read(usable[:MOST_FILES])
-        matrices = [entry for name in usable[:MOST_FILES] if (entry := self._entry(name)) is not None]
+        known = [self._known[name][1] for name in usable[:MOST_FILES] if name in self._known]
+        matrices = [entry for entry in known if entry is not None]  # not those that are another of the user's files
         matrices.sort(key=lambda entry: entry["remark"] == OTHER)
         notes = []
         if len(usable) < len(names):
@@ -74,10 +75,6 @@ class Matrices:
         known = isinstance(name, str) and any(entry["name"] == name for entry in self.listing[0])
         path = self.folder / str(name)
         return path if known and path.is_file() and not path.is_symlink() else None
-
-    def _entry(self, name: str) -> dict[str, Any] | None:
-        """One file; None where it is another of the user's files or is gone."""
-        return self._known[name][1] if name in self._known else None
 
     def _read(self, names: list[str]) -> None:
         """Read the files that have changed; if there are many bytes, in a process with low priority."""
