@@ -6,12 +6,13 @@ import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from rig.document.numbers import number
 from rig.document.words import PLAIN, Key, Severity, Words, plain
 
 if TYPE_CHECKING:
+    from rig.display import Paper
     from rig.document.figure import Figure, Panels  # these load numpy, which a list of runs does not need
     from rig.document.picture import Picture
 
@@ -230,7 +231,7 @@ class Document:
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)
     mark: str = ""
-    paper: Literal["A4", "letter"] = "A4"
+    paper: Paper = "A4"
 
     @property
     def listed(self) -> Iterator[Heading]:
