@@ -176,7 +176,7 @@ def command(
         options = replace(options, model=FEW)
     if each:
         return _each(runs, options, scheduler, suspect=suspect, as_json=as_json)
-    if options.several or options.bootstrap or options.unseen is not None:
+    if _of_many_jobs(options):
         options = replace(options, on_progress=lambda line: click.echo(line, err=True))
     with _distributed(options, scheduler) as where:
         fit = identify_run(runs, where, suspect=suspect)
@@ -194,6 +194,11 @@ def command(
     return EXIT_DONE
 
 
+def _of_many_jobs(options: FitOptions) -> bool:
+    """Whether the fit consists of several jobs, which report their progress and can be distributed."""
+    return bool(options.several or options.bootstrap or options.unseen is not None)
+
+
 @contextmanager
 def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOptions]:
     """Return the options, with the workers of a scheduler if one is specified.
@@ -208,7 +213,7 @@ def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOpti
         yield options
         return
     method = options.how
-    if not (options.several or options.bootstrap or options.unseen is not None or method.name in METHODS):
+    if not (_of_many_jobs(options) or method.name in METHODS):
         raise click.UsageError(
             f"--scheduler: a fit of one model with --method {method.name} is a single job. Fix: omit --scheduler, or "
             "add --each, --model all, --bootstrap N, --unseen pairs, or a search method "
