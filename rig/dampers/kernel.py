@@ -299,11 +299,16 @@ def fingerprint(room: Path = ROOM) -> int:
     return crc
 
 
+def key_of(model: Integrable) -> str:
+    """What distinguishes compiled loops of a model from those of other models and other sources."""
+    return f"{fingerprint()} {model.name} {model.hysteresis}"
+
+
 def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", **functions: Compiled) -> Compiled:
     """A whole loop compiled, and kept for the next process.
 
     Args:
-        loop: a closure over what tells its versions apart, such as `fingerprint()` and a model's name, as plain values.
+        loop: a closure over what tells its versions apart, such as `key_of` a model, as plain values.
         error_model: numba's: what a division by zero does.
         functions: compiled functions that it calls by these global names; they are not part of what tells it apart.
     """
@@ -352,14 +357,13 @@ def series_of(model: Integrable) -> Compiled:
 @cache
 def _pointwise_of(model: Integrable) -> Compiled:
     """Compiled force at samples with known states: (p, state, u, v, a, current, force); fills `force`."""
-    return cached(_pointwise(f"{fingerprint()} {model.name} {model.hysteresis}"), _force=kernel_of(model).force)
+    return cached(_pointwise(key_of(model)), _force=kernel_of(model).force)
 
 
 @cache
 def _stepwise_of(model: Integrable) -> Compiled:
     """Compiled force along a motion, integrated step by step; see `_stepwise`."""
-    key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    return cached(_stepwise(key), _force=kernel_of(model).force, _step=sampled_step(model))
+    return cached(_stepwise(key_of(model)), _force=kernel_of(model).force, _step=sampled_step(model))
 
 
 _force: Compiled = _no_rates

@@ -13,7 +13,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.kernel import Compiled, ForceTarget, Instant, cached, fingerprint, kernel_of, sampled_step
+from rig.dampers.kernel import Compiled, ForceTarget, Instant, cached, kernel_of, key_of, sampled_step
 
 SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate,
 AROUND_S = 1e-3  # and where what comes after is known too
@@ -48,16 +48,14 @@ def inverse_of(model: Integrable) -> Compiled:
 
 @cache
 def _trajectory_of(model: Integrable) -> Compiled:
-    key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    return cached(_trajectory(key, model.states), _force=kernel_of(model).force, _step=sampled_step(model))
+    return cached(_trajectory(key_of(model), model.states), _force=kernel_of(model).force, _step=sampled_step(model))
 
 
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
-    key = f"{fingerprint()} {model.name} {model.hysteresis}"
     kernel = kernel_of(model)
     held = kernel.held or _at_once(kernel.force)
-    return cached(_inverse(key, model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
+    return cached(_inverse(key_of(model), model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
 
 
 def smoothed_rate(before: float, change: float, dt: float) -> float:

@@ -17,7 +17,7 @@ from numba.extending import intrinsic
 
 from rig.dampers.compiled_cache import entry_point
 from rig.dampers.integrable import Integrable
-from rig.dampers.kernel import Compiled, advance_of, fingerprint
+from rig.dampers.kernel import Compiled, advance_of, key_of
 
 VECTOR = (types.CPointer(types.float64), types.int64)  # type: ignore[no-untyped-call]  # the same
 STEP = types.float64(*VECTOR, *VECTOR, *5 * [types.float64])
@@ -35,7 +35,7 @@ def address_of(model: Integrable) -> int:
 
 @cache
 def _entry_of(model: Integrable) -> Any:  # noqa: ANN401 - numba has no types
-    entry = _entry(zlib.crc32(f"{fingerprint()} {model.name} {model.hysteresis}".encode()))
+    entry = _entry(zlib.crc32(key_of(model).encode()))
     values = {**entry.__globals__, "_advance": advance_of(model)}
     named = FunctionType(entry.__code__, values, entry.__name__, None, entry.__closure__)
     named.__qualname__ = entry.__qualname__
@@ -49,7 +49,7 @@ def _entry(key: int) -> FunctionType:
     return entry  # type: ignore[return-value]  # a function is one
 
 
-_advance: Compiled = fingerprint
+_advance: Compiled = advance_of
 """The step of the entry's model, once it is compiled."""
 
 
