@@ -244,7 +244,10 @@ def test_files_read_identical_are_reported_once_and_the_odd_one_by_its_name(tmp_
                      + ": CSV, separator ',', decimal '.', utf-8, names in line 1, numbers from line 2\n")  # fmt: skip
     assert odd.startswith(f"{tmp_path / 'odd.csv'}: CSV, separator ';'")
     reported = rig("import", *sorted(tmp_path.glob("?.csv")), *expected, "--dry-run").stdout
-    assert reported.startswith(identical.replace(identical.split(": CSV")[0], "all 3 files") + columns)
+    read, signs, tests = reported.partition("positive: extension and rebound (default)")
+    assert read == identical.replace(identical.split(": CSV")[0], "all 3 files") + columns
+    assert signs
+    assert tests.splitlines()[1:] == [f"{tmp_path / name}.csv: 0 to 11.99 s, 1200 rows, 1 A" for name in "abc"]
 
 
 def test_a_damaged_run_is_remarked_and_hides_no_other(tmp_path: Path) -> None:
