@@ -264,15 +264,19 @@ def unit_stated(column: TableColumn) -> str:
     if column.unit:
         return column.unit
     suffixes = {end: unit for dimension in DIMENSIONS for end, unit in key_suffixes(dimension).items()}
-    named = max((end for end in suffixes if column.name.endswith(f"_{end}")), key=len, default="")
-    return f"{suffixes[named]}, {BY_NAME}" if named else ""
+    unit = _at_end(column.name, suffixes)
+    return f"{unit}, {BY_NAME}" if unit else ""
 
 
 def _suffix_unit(name: str, dimension: str) -> str:
     """The unit at the end of a column's name, after an underscore; empty where there is none of this dimension."""
-    suffixes = {**{unit: unit for unit in units_for(dimension)}, **key_suffixes(dimension)}
-    named = [suffix for suffix in suffixes if name.endswith(f"_{suffix}")]
-    return suffixes[max(named, key=len)] if named else ""
+    return _at_end(name, {**{unit: unit for unit in units_for(dimension)}, **key_suffixes(dimension)})
+
+
+def _at_end(name: str, suffixes: Mapping[str, str]) -> str:
+    """The unit of the longest suffix at the end of a name, after an underscore; empty if there is none."""
+    named = max((suffix for suffix in suffixes if name.endswith(f"_{suffix}")), key=len, default="")
+    return suffixes[named] if named else ""
 
 
 def _of(text: str, dimension: str, problem: str) -> str:
