@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -27,7 +27,7 @@ _FAULTS = frozenset({"E", "ERR", "ERROR", "FAIL", "FAULT", "OPEN", "NC", "BREAK"
 _OVERLOAD_MARKS = frozenset("^_=*<>-")
 """Characters that displays show instead of a missing number."""
 MOST_STATUSES, LONGEST_STATUS = 6, 8
-"""Maximum length and number of the texts of a status."""
+"""Maximum number and length of the texts of a status."""
 _START = b"\x02"
 
 
@@ -55,20 +55,20 @@ def described_lines(data: bytes) -> Iterator[dict[str, Any]]:
             continue
         usual_texts = [text for text in texts if _shape(text) == shape]
         others = [text for text in texts if _shape(text) != shape]
-        # Text that cannot be a status remains a wildcard.
-        tables = [_described(usual_texts, shape), _described(usual_texts, shape, {"status": {}})]
+        table = _described(usual_texts, shape)
+        if table is None:
+            continue
+        tables = [table]
+        if "status" in table:
+            # The varying words may not be a status; they then remain a wildcard.
+            tables += filter(None, [_described(usual_texts, shape, statuses=False)])
         for table in tables:
-            if table is None:
-                continue
-            if not table.get("status"):
-                table.pop("status", None)
             _add_tokens(table, others)
             table["terminator"] = terminator.decode()
             if start:
                 table["start"] = start.decode()
             yield table
-        if any(tables):
-            return
+        return
 
 
 def _shape(text: str) -> int:
@@ -76,12 +76,14 @@ def _shape(text: str) -> int:
     return len(_NUMBER.findall(text))
 
 
-def _described(texts: Sequence[str], numbers: int, begun: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
-    """Format of lines with a given count of numbers; `begun` contains the entries determined so far."""
+def _described(texts: Sequence[str], numbers: int, *, statuses: bool = True) -> dict[str, Any] | None:
+    """Format of lines with a given count of numbers; `statuses`: varying words may be the status of the line."""
     table = _with_checksum(texts)
     if not numbers and table is None:
         return None
-    table = {**(begun or {}), **(table or {})}
+    table = table or {}
+    if not statuses:
+        table["status"] = {}  # a line has one status, so no other is looked for
     bodies = [text[: table["_body"]] for text in texts] if "_body" in table else texts
     literals, values = [_NUMBER.split(text) for text in bodies], [_NUMBER.findall(text) for text in bodies]
     count = len(values[0])
@@ -102,6 +104,8 @@ def _described(texts: Sequence[str], numbers: int, begun: Mapping[str, Any] | No
         table["decimal_mark"] = ","
     if any("e" in row[chosen].lower() for row in values):
         table["number"] = "scientific"
+    if not statuses:
+        del table["status"]
     table["pattern"] = pattern + table.pop("_tail", "")
     table.pop("_body", None)
     longest = max(map(len, texts))
