@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+PRESSURE_LEVELS = ("off", "low", "on")
+"""Pressures at which a watchdog may be tested, ascending."""
+
 
 class WatchdogKind(StrEnum):
     """How an actuator notices that its host is gone."""

@@ -9,14 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.capabilities import WatchdogKind
+from drivers.capabilities import PRESSURE_LEVELS, WatchdogKind
 from drivers.register_maps.access_plan import reads
 from drivers.register_maps.condition import Condition, Test
 from drivers.register_maps.controller_map import LIMIT_FIELDS, ControllerMap
 from drivers.register_maps.meanings import Codes
 from drivers.register_maps.quantity import BITS, HOLDING, LAST_ADDRESS, SPACES, Quantity
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
-from drivers.register_maps.read_recipes import TESTED
 from drivers.register_maps.recipe import Recipe, Write
 from drivers.roles import Command, Pressure, Result, State, WatchdogAction
 from protocols.errors import LocalProtocolError
@@ -134,7 +133,7 @@ class RegisterBank:
         actuator = self.actuator
         if not self._map.capabilities.lease and actuator.owner == 0:
             actuator.owner = NO_LEASE
-        actuator.watchdog_pressure = TESTED.index(self._map.recipes.watchdog_tested)
+        actuator.watchdog_pressure = PRESSURE_LEVELS.index(self._map.recipes.watchdog_tested)
         watched = self._map.capabilities.watchdog is not WatchdogKind.NONE
         if watched and actuator.limits.watchdog_ms == 0 and "watchdog_time" not in self._map.quantities:
             time_ms = round(1e3 * self._map.recipes.watchdog_s) or WATCHDOG_MS

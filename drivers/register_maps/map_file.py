@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivers.capabilities import WatchdogKind
+from drivers.capabilities import PRESSURE_LEVELS, WatchdogKind
 from drivers.register_maps import needs
 from drivers.register_maps.controller_map import ControllerMap, Recipes, Words
 from drivers.register_maps.entries import Kept, Table
@@ -18,8 +18,8 @@ from drivers.register_maps.indirect import read_indirect
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.register_maps.read_meanings import number_of, read_bits, read_codes, read_pressure, read_states
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES, read_modbus, read_quantities
-from drivers.register_maps.read_recipes import TESTED, read_commands, read_setpoint, read_table, read_watchdog
 from drivers.register_maps.read_recipes import Recipes as Reader
+from drivers.register_maps.read_recipes import read_commands, read_setpoint, read_table, read_watchdog
 from drivers.roles import Command, FaultBit, Input, ProgramPhase, Result, WatchdogAction, Waveform
 from protocols.descriptions import DescriptionProblems, Problem
 from protocols.errors import LocalProtocolError
@@ -127,7 +127,7 @@ def _recipes(top: Table, quantities: Mapping[str, Quantity]) -> tuple[Recipes, W
     watchdog, feed, time_s = read_watchdog(top.table("watchdog"), reader, bool(setpoint))
     table, values = read_table(top.table("table"), reader)
     reader.check_unused()
-    tested = top.table("watchdog").get("tested", TESTED[0])
+    tested = top.table("watchdog").get("tested", PRESSURE_LEVELS[0])
     return Recipes(commands, setpoint, feed, table, values, time_s, tested, while_off), watchdog
 
 

@@ -42,8 +42,6 @@ MEASURES = {
 COUNTS = {"counter": (0, 0xFFFF), "sequence": (0, 0xFFFF), "owner": (1, 0xFFFF), "toggle": (0, 1)}
 """Lowest and highest number of a recipe's names that count: the quantity must show each of them."""
 KINDS = ("counter", "keep-alive", "setpoints", "none")
-TESTED = ("off", "low", "on")
-"""Pressures at which a watchdog may be tested."""
 LONGEST_SETPOINT_S = 0.1
 """Longest total wait in the steps of a set-point (s), because a stop may have to wait for the poll."""
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import ConfigDict, Discriminator, Field, Tag
 from pydantic.config import JsonDict
 
+from drivers.capabilities import PRESSURE_LEVELS
 from drivers.register_maps.meanings import word
-from drivers.register_maps.read_recipes import COMMANDS, KINDS, STEPS, TESTED
+from drivers.register_maps.read_recipes import COMMANDS, KINDS, STEPS
 from drivers.roles import Command, FaultBit, Input, Pressure, ProgramPhase, Result, State, WatchdogAction, Waveform
 from rig.files.registers import (
     Address,
@@ -83,7 +84,7 @@ class Watchdog(DescriptionTable):
     time: Time | None = None
     write: Values | None = None
     span: tuple[str, str] | None = None
-    tested: Literal[TESTED] | None = Field(  # type: ignore[valid-type]  # the driver's own list
+    tested: Literal[PRESSURE_LEVELS] | None = Field(  # type: ignore[valid-type]  # the driver's own list
         None, description="pressure (or power) at which the watchdog works and is tested; default off"
     )
 

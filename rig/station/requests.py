@@ -24,6 +24,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 
+from drivers.capabilities import PRESSURE_LEVELS
 from drivers.errors import DriverError, RequestRefused
 from drivers.roles import ActuatorStatus, Command, Move, State, state_name
 from rig.bench.settings import StationConfig
@@ -65,7 +66,6 @@ QUIET_NS = 250_000_000
 QUIET_PATIENCE_NS = 2_000_000_000
 """... which is waited for so long."""
 ACTUATOR = "actuator"
-PRESSURE_LEVELS = ("off", "low", "on")
 BEFORE = frozenset({"connect", "examine", "status"})
 """What may be asked for before the devices are connected."""
 
@@ -185,7 +185,7 @@ class Requests:
         if level == "off":
             return {"tripped_after_s": self._preparation.starve_watchdog()}
         try:
-            for pressure in ("low", "on")[: PRESSURE_LEVELS.index(level)]:
+            for pressure in PRESSURE_LEVELS[1 : PRESSURE_LEVELS.index(level) + 1]:
                 self._hydraulics({"level": pressure})
             after_s = self._preparation.starve_watchdog(lambda: self._hydraulics({"level": "off"}))
         except BaseException:
