@@ -10,17 +10,19 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from pymodbus.constants import ExcCodes
+
 from protocols import modbus
 from protocols.binary_format import BinaryFormat, Registers
 from protocols.errors import RemoteProtocolError
 from simulators.output_module import DEVICE_ID, SimulatedOutput
 from simulators.serial_port import SensorPort, SocketPort
 
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS = 1, 2
 SPACES = {
     modbus.READ_COILS: "coil", modbus.READ_DISCRETE: "discrete", modbus.READ: "holding", modbus.READ_INPUT: "input",
     modbus.WRITE_COIL: "coil", modbus.WRITE_COILS: "coil", modbus.WRITE_REGISTER: "holding", modbus.WRITE: "holding",
 }  # fmt: skip
+REGISTER_READS = frozenset({modbus.READ, modbus.READ_INPUT})
 _FIXED_SIZE = 8
 """Length of serial-line requests with a fixed length (bytes)."""
 _TCP_HEAD, _RTU_HEAD, _CRC_SIZE = 9, 3, 2
@@ -133,7 +135,7 @@ class ModbusBox:
 
     def _read_by(self, unit: int, pdu: bytes) -> list[BoxPort]:
         """Sensors whose registers a request reads completely."""
-        if pdu[0] not in {modbus.READ, modbus.READ_INPUT}:
+        if pdu[0] not in REGISTER_READS:
             return []
         first, count = (int.from_bytes(pdu[at : at + 2], "big") for at in (1, 3))
         return [
@@ -146,32 +148,30 @@ class ModbusBox:
         """Answer of the analogue output; an exception if there is no output, None for no answer."""
         function, output = pdu[0], self.output
         if output is None or unit != DEVICE_ID:
-            return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_ADDRESS])
+            return _refused(function, ExcCodes.ILLEGAL_ADDRESS)
         if function not in SPACES:
-            return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_FUNCTION])
+            return _refused(function, ExcCodes.ILLEGAL_FUNCTION)
         faults = output.server.faults
         if faults.silent:
             return None
         space, address = SPACES[function], int.from_bytes(pdu[1:3], "big")
         answer = self._access(output, pdu, space, address)
         if answer is None:
-            return bytes([function | modbus.EXCEPTION_BIT, ILLEGAL_ADDRESS])
+            return _refused(function, ExcCodes.ILLEGAL_ADDRESS)
         return bytes([answer[0] ^ 1]) + answer[1:] if faults.wrong_function else answer
 
     @staticmethod
     def _access(output: SimulatedOutput, pdu: bytes, space: str, address: int) -> bytes | None:
         function, count = pdu[0], int.from_bytes(pdu[3:5], "big")
-        if function in modbus.BIT_READS:
-            bits = output.bits(space)
-            if not all(at in bits for at in range(address, address + count)):
-                return None
-            packed = sum(bits[address + place] << place for place in range(count)).to_bytes((count + 7) // 8, "little")
-            return bytes([function, len(packed)]) + packed
-        if function in {modbus.READ, modbus.READ_INPUT}:
+        if function in modbus.BIT_READS or function in REGISTER_READS:
             words = output.read(address, count, space)
-            return None if words is None else bytes([function, 2 * count]) + b"".join(
-                word.to_bytes(2, "big") for word in words
-            )
+            if words is None:
+                return None
+            if function in REGISTER_READS:
+                content = b"".join(word.to_bytes(2, "big") for word in words)
+            else:
+                content = sum(bit << place for place, bit in enumerate(words)).to_bytes((count + 7) // 8, "little")
+            return bytes([function, len(content)]) + content
         if function == modbus.WRITE_COIL:
             written = [int(pdu[3:5] == b"\xff\x00")]
         elif function == modbus.WRITE_REGISTER:
@@ -290,6 +290,11 @@ class BoxPort:
     def close(self) -> None:
         """Switch the device off and close the connection for all its sensors and its output."""
         self.box.port.close()
+
+
+def _refused(function: int, code: ExcCodes) -> bytes:
+    """An exception as the answer to a function."""
+    return bytes([function | modbus.EXCEPTION_BIT, code])
 
 
 def _overlap(one: Registers, other: Registers) -> bool:
