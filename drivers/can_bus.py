@@ -61,8 +61,7 @@ class CanBus:
         stamps_ns = self.port.at_ns or [arrival_ns] * len(frames)
         for frame, at_ns in zip(frames, stamps_ns, strict=True):
             owners = [handle for handle in self.handles if handle.hears(frame[0], frame[2])]
-            rest = [handle for handle in self.handles if handle.rest and not owners]
-            for handle in owners or rest:
+            for handle in owners or [one for one in self.handles if one.rest]:
                 handle.waiting.append((frame, at_ns))
 
 

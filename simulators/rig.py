@@ -58,7 +58,7 @@ BEHIND_S = 0.003
 """What a device sends in so much wall time may wait to be read above speed 1; below, half of what a port holds."""
 FEWEST_FRAMES = 4
 CAN_LINES_BYTES_S = 2700.0
-"""Bytes of the ECU's lines in one second of its clock."""
+"""Bytes of the ECU's lines in one second of its clock; those of sensors on the bus are added."""
 SENSOR_LINE_BYTES = 27
 """Bytes of one sensor frame on the bus."""
 BUS_BYTES = 512
@@ -131,6 +131,7 @@ class SimulatedRig:
             before_access=self._catch_up if not controller.generator else lambda: None,
         )
         self.channels: list[Channel] = []
+        self._can_bytes_s = CAN_LINES_BYTES_S
         self._boxes: list[tuple[tuple[str, bool], ModbusBox]] = []
         self.first_cycle_s: float | None = None
         self._names: tempfile.TemporaryDirectory[str] | None = None
@@ -329,12 +330,8 @@ class SimulatedRig:
                 channel.hear(now_ns, 0.0, 0.0, speed)
                 behind |= pressure.waits_for(channel, 0, patience_s)
             port.waits = port.read_once and not pressure.given_up(port)
-        on_CAN = sum(
-            channel.sensor.options.rate_Hz * SENSOR_LINE_BYTES for channel in self.channels
-            if isinstance(channel.port, CanSensorPort)
-        )
         for client in self.bus.clients:
-            due = max(BUS_BYTES, BEHIND_S * speed * (CAN_LINES_BYTES_S + on_CAN))
+            due = max(BUS_BYTES, BEHIND_S * speed * self._can_bytes_s)
             behind |= pressure.waits_for(client, due if fast else CAPACITY, patience_s)
         polled = fast and not self._faulty if shared is None else shared.watched
         if polled and self.actuator.owner:
@@ -400,6 +397,7 @@ class SimulatedRig:
         port: SensorPort
         if isinstance(layout, BinaryFormat) and layout.can is not None:
             port = CanSensorPort(self.bus, layout, layout.can)
+            self._can_bytes_s += options.rate_Hz * SENSOR_LINE_BYTES
         elif isinstance(layout, BinaryFormat) and layout.registers is not None:
             port = self._box(options, layout.registers, kind).add(layout, layout.registers)
         else:

@@ -171,7 +171,7 @@ def stop_stays_stopped(view: View) -> Findings:
 
 
 def _left_to_itself_s(view: View) -> float:
-    """From a stop to 0 A (s) where an analogue output cannot be told to: its own watchdog takes the current away."""
+    """Time from a stop to 0 A (s) if an analogue output receives no command: its watchdog switches the current off."""
     bench = bench_of(view)
     described = None if bench is None or bench.ecu.by_hand else bench.ecu.described_supply
     output = None if described is None else described.output
