@@ -111,7 +111,10 @@ def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float]) -
     if not any(one.read for one in quantities.values()):
         table.add(None, "there is no readable quantity, so the module's presence could not be detected. Fix: add a "
             "readable quantity")
-    if current.space == HOLDING and current.type != "string":
+    if current.places:
+        table.add(CURRENT, "the registers of the set-point are written one after the other, so the output could give a "
+            "current made of an old and a new word. Fix: use adjacent registers and a single address")
+    elif current.space == HOLDING and current.type != "string":
         _zero(top, current, current_A, switched=enable is not None)
 
 

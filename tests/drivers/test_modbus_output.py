@@ -298,6 +298,7 @@ def test_without_a_measurement_the_value_read_back_is_reported_and_all_that_is_m
         ("scale = 0.001", "scale = 0.00001", "quantities.current", "cannot represent 2 A"),
         ("[0, 2]", "[2, 0]", "range.current_A", "the first value must be less than the second"),
         ('{address = 0x64,', '{address = 0x64, access = "r",', "quantities.current", "holding register"),
+        ("{address = 0x64,", '{address = [0x66, 0x64], type = "i32",', "quantities.current", "one after the other"),
         ("{guard = 500}", "{current = 0}", "watchdog.start", "reserved for the test matrix and for stops"),
         ("{guard = 500}", "{guarded = 500}", "watchdog.start.guarded", "did you mean guard"),
         ('"$toggle"', '"$current"', "watchdog.feed.alive", "is not available here"),
