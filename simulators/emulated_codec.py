@@ -9,7 +9,7 @@ import math
 import struct
 from collections.abc import Sequence
 
-from drivers.register_maps.quantity import Quantity
+from drivers.register_maps.quantity import BITS, Quantity
 
 SIGNED = frozenset({"i16", "i32", "i64"})
 DECIMAL = frozenset({"bcd16", "bcd32"})
@@ -69,6 +69,23 @@ def words_of(quantity: Quantity, raw: int, *, swapped: bool = False) -> list[int
     if (quantity.word_order == "big") is not swapped:
         words.reverse()
     return words if quantity.byte_order == "big" else [turned(quantity, word) for word in words]
+
+
+def lay_down(cells: dict[tuple[str, int], int], quantity: Quantity, raw: int, *, swapped: bool = False) -> None:
+    """Write these bits into the registers or the coil of a quantity.
+
+    Args:
+        cells: contents by space and address.
+        quantity: defines the addresses.
+        raw: the bits.
+        swapped: fault: the words are in the wrong order.
+    """
+    space = quantity.space
+    if space in BITS:
+        cells[space, quantity.address] = raw & 1
+        return
+    for at, word in zip(quantity.cells, words_of(quantity, raw, swapped=swapped), strict=False):
+        cells[space, at] = word
 
 
 def bits_of(quantity: Quantity, words: Sequence[int]) -> int:

@@ -16,7 +16,7 @@ from drivers.register_maps.access_plan import reads
 from drivers.register_maps.quantity import BITS, SPACES, Quantity
 from drivers.register_maps.recipe import Recipe, Write
 from simulators.ecu import Ecu
-from simulators.emulated_codec import bits_of, raw_of, text_words, value_of, words_of
+from simulators.emulated_codec import bits_of, lay_down, raw_of, text_words, value_of
 from simulators.emulated_status import Registers, make, put
 from simulators.modbus_server import ModbusServer
 
@@ -161,16 +161,16 @@ class SimulatedOutput:
         measured, current = output.quantities.get(MEASURED), output.current
         if measured is not None:
             shown_A = self.ecu.measured_A(self.ecu.plant.value("current_A"))
-            self._put(cells, measured, raw_of(measured, shown_A))
+            lay_down(cells, measured, raw_of(measured, shown_A))
         if (current.space, current.address) not in self._cells:
-            self._put(cells, current, raw_of(current, 0.0))
+            lay_down(cells, current, raw_of(current, 0.0))
         for name, value in self._identity():
             one = output.quantities[name]
             if one.type == "string":
                 words = text_words(one, str(value))
                 cells |= {(one.space, one.address + place): word for place, word in enumerate(words)}
             else:
-                self._put(cells, one, raw_of(one, float(value)))
+                lay_down(cells, one, raw_of(one, float(value)))
         self._show_faults(cells)
         return cells
 
@@ -194,7 +194,7 @@ class SimulatedOutput:
             make(registers, condition, holds=bool(present & member))
         for one in faults.quantities:
             if one.name not in {CURRENT, ENABLE, MEASURED}:
-                self._put(cells, one, registers[one.space, one.address])
+                lay_down(cells, one, registers[one.space, one.address])
 
     def _states(self, recipe: Recipe, written: Quantity) -> bool:
         """Whether a register contains the value that a recipe writes; start and stop may use the same register."""
@@ -209,16 +209,8 @@ class SimulatedOutput:
             return self._cells.get((quantity.space, quantity.address), 0)
         return bits_of(
             quantity,
-            [self._cells.get((quantity.space, quantity.address + place), 0) for place in range(quantity.length)],
+            [self._cells.get((quantity.space, at), 0) for at in quantity.cells[: quantity.length]],
         )
-
-    @staticmethod
-    def _put(cells: dict[tuple[str, int], int], quantity: Quantity, raw: int) -> None:
-        if quantity.space in BITS:
-            cells[quantity.space, quantity.address] = raw & 1
-            return
-        for place, word in enumerate(words_of(quantity, raw)):
-            cells[quantity.space, quantity.address + place] = word
 
 
 def _names(recipe: Recipe) -> set[str]:

@@ -22,7 +22,7 @@ from protocols.errors import LocalProtocolError
 from simulators.actuator import Actuator
 from simulators.controller_readings import ControllerReadings
 from simulators.emulated_bench import emulated_map
-from simulators.emulated_codec import DECIMAL, bits_of, digits_of, raw_of, text_words, value_of, words_of
+from simulators.emulated_codec import DECIMAL, bits_of, digits_of, lay_down, raw_of, text_words, value_of, words_of
 from simulators.emulated_commands import Scripts, Seen, preconditions, scripts_of
 from simulators.emulated_orders import order_of, whole
 from simulators.emulated_status import EmulatedStatus, Registers, make
@@ -317,7 +317,7 @@ class RegisterBank:
             make(registers, Condition(tuple(tests)), holds=True)
             for test in tests:
                 whole = self._whole(test.quantity)
-                self._put(self._cells, whole, registers[whole.space, whole.address])
+                lay_down(self._cells, whole, registers[whole.space, whole.address])
 
     def _shows(self, test: Test) -> bool:
         """Whether the machine's state determines what a test reads; for a word, the bit of the test."""
@@ -350,7 +350,7 @@ class RegisterBank:
             "acked_command": _code(words.commands, int(shown["acked_command"])),
         }
         for quantity in self._measured:
-            self._put(live, quantity, _measured(quantity, shown), swapped=self.word_order_swapped)
+            lay_down(live, quantity, _measured(quantity, shown), swapped=self.word_order_swapped)
         registers: Registers = {}
         for quantity in self._meanings:
             # A condition may look at what the machine measures: that is shown, and changed only where it must hold.
@@ -371,7 +371,7 @@ class RegisterBank:
             for condition in self._led:
                 make(registers, condition, holds=True)
         for quantity in self._meanings:
-            self._put(live, quantity, registers[quantity.space, quantity.address], swapped=self.word_order_swapped)
+            lay_down(live, quantity, registers[quantity.space, quantity.address], swapped=self.word_order_swapped)
 
     def _show_identity(self, live: Cells) -> None:
         shown = self.readings.identity() | {"config_hash": self._config_hash()} | dict(self._map.expected)
@@ -387,11 +387,11 @@ class RegisterBank:
                     # Other bits of its register may be identity, too.
                     before = live.get((quantity.space, quantity.address), 0)
                     raw = before & ~(1 << quantity.bit) | (raw & 1) << quantity.bit
-                self._put(live, self._whole(quantity), raw, swapped=self.word_order_swapped)
+                lay_down(live, self._whole(quantity), raw, swapped=self.word_order_swapped)
 
     def _show_limits(self, live: Cells) -> None:
         for quantity in self._limits:
-            self._put(live, quantity, self._limit(quantity), swapped=False)  # as the host has written it
+            lay_down(live, quantity, self._limit(quantity), swapped=False)  # as the host has written it
 
     def _limit(self, quantity: Quantity) -> int:
         """The bits that show a limit."""
@@ -420,15 +420,6 @@ class RegisterBank:
             return words[0]
         raw = bits_of(quantity, words)
         return raw if quantity.bit is None else raw >> quantity.bit & 1
-
-    @staticmethod
-    def _put(cells: Cells, quantity: Quantity, raw: int, *, swapped: bool = False) -> None:
-        space = quantity.space
-        if space in BITS:
-            cells[space, quantity.address] = raw & 1
-            return
-        for at, word in zip(quantity.cells, words_of(quantity, raw, swapped=swapped), strict=False):
-            cells[space, at] = word
 
     @staticmethod
     def _whole(quantity: Quantity) -> Quantity:
