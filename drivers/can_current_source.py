@@ -44,7 +44,7 @@ from drivers.errors import DriverError
 from drivers.frame_checks import FrameChecks
 from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.can_frame import EXTENDED
+from protocols.can_frame import EXTENDED, decode_requests
 from protocols.j1939 import parameter_group, same_receiver, source_address
 from protocols.quality import Quality
 from protocols.slcan import Frame
@@ -65,6 +65,31 @@ _CHANNELS = {
     ECU: Channel.ECU_TEMPERATURE, SUPPLY: Channel.ECU_SUPPLY,
 }
 _TEMPERATURES = ((COIL, Channel.COIL_TEMPERATURE), (ECU, Channel.ECU_TEMPERATURE), (SUPPLY, Channel.ECU_SUPPLY))
+
+
+class _Request:
+    """One request that is sent in every period of its message.
+
+    Args:
+        period_s: of the requests, s.
+        request: identifier with the flag `EXTENDED`, data, and whether it is a remote frame.
+    """
+
+    def __init__(self, period_s: float, request: tuple[int, bytes, bool]) -> None:
+        self._period_ns = int(1e9 * period_s)
+        self._key, self._data, self._remote = request
+        self._due_ns = 0
+
+    def send(self, port: CanPort | BusHandle) -> int:
+        """Send the request if it is due, and return when the next one is due (monotonic, ns)."""
+        now_ns = clock.monotonic_ns()
+        if now_ns >= self._due_ns:
+            # A late request is not made up for by a burst.
+            late = now_ns - self._due_ns if self._due_ns else 0
+            self._due_ns = now_ns + self._period_ns - late % self._period_ns
+            extended = bool(self._key & EXTENDED)
+            port.send(self._key & ~EXTENDED, self._data, extended=extended, remote=self._remote)
+        return self._due_ns
 
 
 class CanCurrentSource:
@@ -101,6 +126,10 @@ class CanCurrentSource:
             if key & EXTENDED and not message.by_group
         }
         self._elsewhere: dict[int, set[int]] = {}
+        self._requests = [
+            _Request(message.period_s, request) for message in description.heard.values()
+            for request in decode_requests(message.request)
+        ]
         self._checks = FrameChecks(description, self.counters)
         self._port = port
         self._is_open = False
@@ -319,10 +348,11 @@ class CanCurrentSource:
 
         Raises:
             PortClosed: the bus is not open or was lost.
+            LinkLost: the interface does not accept a request.
         """
         lost_before = self.counters.lost
         bad_before = self.counters.bad_checks + self.counters.malformed
-        frames, arrival_ns = self._port.receive(timeout_s)
+        frames, arrival_ns = self._receive(timeout_s)
         batch = SourceBatch([], [], [], 0, 0, arrival_ns)
         while self._sent:
             batch.records.append(self._sent.popleft())
@@ -334,6 +364,16 @@ class CanCurrentSource:
             lost=self.counters.lost - lost_before,
             bad=self.counters.bad_checks + self.counters.malformed - bad_before,
         )
+
+    def _receive(self, timeout_s: float) -> tuple[list[Frame], int]:
+        """Frames that have arrived, waiting for the first one; requests are sent when they are due."""
+        end_ns = clock.monotonic_ns() + int(1e9 * timeout_s)
+        while True:
+            next_ns = min((request.send(self._port) for request in self._requests), default=end_ns)
+            now_ns = clock.monotonic_ns()
+            frames, arrival_ns = self._port.receive(max(0, min(next_ns, end_ns) - now_ns) * 1e-9)
+            if frames or next_ns >= end_ns or arrival_ns >= end_ns:
+                return frames, arrival_ns
 
     def _send_cyclically(self, period_s: float) -> None:
         """Body of the command thread; ends at `close` or when the port is gone."""
@@ -373,6 +413,9 @@ class CanCurrentSource:
             self._take_other(key, length=0 if remote else length)
             return
         is_status = key == self._description.status
+        if remote and message.request:
+            self._take_other(key, length=0)  # another host requests the same message
+            return
         if remote or length != message.size or len(data) != message.size:
             self._checks.malformed(is_status)
             return

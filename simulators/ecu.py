@@ -84,6 +84,8 @@ class Ecu:
         stated_s, own_s = self.wire.command_timeout_s, options.command_timeout_s
         self.command_timeout_s = stated_s if math.isnan(own_s) else own_s
         now_us = clock.unwrapped_us(plant.time_s)
+        self._answers = dict.fromkeys(self.wire.requested, 0)
+        self._clocked = False
         self._next_us = {name: math.ceil(now_us / period) * period for name, period in self.wire.periods_us.items()}
         self.boot()
 
@@ -97,6 +99,20 @@ class Ecu:
         self._bad_commands = 0
         self._heard_s = math.nan
         self._drive()
+
+    def request(self, identifier: int, data: bytes, *, remote: bool, answers: int = 1) -> None:
+        """A frame from the bus that may request a message.
+
+        Args:
+            identifier: with the flag `EXTENDED` if it is extended.
+            data: of the frame.
+            remote: whether it is a remote frame.
+            answers: number of frames that answer it: one, at once; more, at the message's period, from a rig that runs
+                faster than its host and is therefore requested too rarely.
+        """
+        if name := self.wire.requested_by(identifier, data, remote=remote):
+            self._clocked = answers > 1
+            self._answers[name] = answers if self._clocked else self._answers[name] + 1
 
     def restart(self) -> None:
         """A reset in operation: counters start over and the fault bit says so."""
@@ -202,7 +218,8 @@ class Ecu:
     def frames(self) -> list[Frame]:
         """The frames that the ECU's own clock has made due since the last call, in order.
 
-        Each message has its period of device time. The current in each status is the plant's at that instant.
+        Each message has its period of device time; a message that is sent on request also waits for a request. The
+        current in each status is the plant's at that instant.
         """
         due: list[Frame] = []
         now_us = self.clock.unwrapped_us(self.plant.time_s)
@@ -213,8 +230,16 @@ class Ecu:
                 if self._next_us[name] != at_us:
                     continue
                 self._next_us[name] += period_us
+                if name in self._answers:
+                    if not (self._clocked and self._answers[name]):
+                        continue
+                    self._answers[name] -= 1
                 if sends_temperatures or name not in self.wire.temperatures:
                     due.append(self.wire.frame(name, shown))
+        for name, count in self._answers.items() if not self._clocked else ():
+            self._answers[name] = 0
+            if sends_temperatures or name not in self.wire.temperatures:
+                due += [self.wire.frame(name, self._shown(int(now_us))) for _ in range(count)]
         return self._damaged(due)
 
     def _damaged(self, due: list[Frame]) -> list[Frame]:

@@ -17,7 +17,7 @@ from typing import Any
 from drivers.devices.dbc_file import DbcText, can_database
 from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.source import current_source, preset
-from protocols.can_frame import EXTENDED
+from protocols.can_frame import EXTENDED, decode_requests
 from protocols.can_signals import Signal
 from protocols.errors import RemoteProtocolError
 from protocols.j1939 import from_address
@@ -83,6 +83,7 @@ class EmulatedEcu:
         periods_us: of each message that it sends, in the order in which those of one instant go out.
         temperatures: the messages among them that hold temperatures and nothing that the rig cannot do without.
         counter_modulus: at which the counter of commands starts again.
+        requested: the messages that it sends only on request.
 
     Raises:
         LocalProtocolError: they cannot be used.
@@ -112,6 +113,10 @@ class EmulatedEcu:
             frame.identifier | (EXTENDED if frame.extended else 0): frame.name for frame in self.described.sent
         }
         self.counter_modulus = max((self._seals[name].modulus for name in self._sent.values()), default=0)
+        self._requests = {
+            request: message.name for message in heard for request in decode_requests(message.request)
+        }
+        self.requested = frozenset(self._requests.values())
         self._initial = {name: _initial(message) for name, message in self._messages.items()}
         self._signals: dict[str, list[tuple[str, Signal]]] = {name: [] for name in self._messages}
         for role, (owner, signal) in self.described.signals.items():
@@ -127,6 +132,13 @@ class EmulatedEcu:
     def is_command(self, identifier: int) -> bool:
         """Whether it is one of the messages that the host sends."""
         return identifier in self._sent
+
+    def requested_by(self, identifier: int, data: bytes, *, remote: bool) -> str:
+        """Name of the message that a frame requests; empty if it is no request."""
+        for (key, content, is_remote), name in self._requests.items():
+            if (identifier, remote) == (key, is_remote) and (remote or data == content):
+                return name
+        return ""
 
     def command(self, identifier: int, data: bytes) -> Command | None:
         """What the host requests; None for a message without the set-point.

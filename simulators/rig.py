@@ -124,6 +124,8 @@ class SimulatedRig:
             run.emulated_ecu.load(),
         )
         self.bus = SlcanBus(self.ecu.receive)
+        if self.ecu.wire.requested:
+            self.bus.listeners.append(self._hear_request)
         self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(
@@ -250,6 +252,11 @@ class SimulatedRig:
     def _unhurried(self) -> bool:
         """While its clock waits, the rig looks no more often than it ticks: the processor is for those it waits for."""
         return self._shared is not None and self.run_options.speed <= 1.0
+
+    def _hear_request(self, number: int, data: bytes, remote: bool) -> None:
+        """A frame that may request a message of the ECU."""
+        speed = self.run_options.speed
+        self.ecu.request(number, data, remote=remote, answers=1 if speed <= 1.0 else math.ceil(2.0 * speed))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """Log to the truth file, if there is one."""

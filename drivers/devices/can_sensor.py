@@ -10,12 +10,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from drivers.devices.can_request import read_request
 from drivers.devices.dbc_file import DbcMessage, DbcSignal, DbcText
 from drivers.devices.role_protection import read_protection
 from drivers.devices.role_reading import Found, Reading
 from drivers.devices.source import read_dbc
 from protocols.binary_format import SIZES, BinaryFormat, Field
-from protocols.can_frame import EXTENDED, CanFrame, encode_request
+from protocols.can_frame import CanFrame
 from protocols.can_signals import Signal
 from protocols.checksums import CHECKSUMS
 from protocols.descriptions import DescriptionProblems, Place, Problem
@@ -157,17 +158,11 @@ def _request(table: Table, frame: CanFrame, problems: list[Problem]) -> bytes:
     given = table.get("request")
     if given is None:
         return b""
-    if given == "remote":
-        if frame.fd:
-            problems.append((("request",), "CAN FD has no remote frames. Fix: write the identifier and data of a "
-                "request, such as request = {id = 0x080, data = []}"))
-        if frame.by_group and frame.source_address is None:
-            problems.append((("request",), "a remote frame needs the complete identifier. Fix: specify source_address"))
-        address = frame.source_address
-        key = frame.key if address is None else from_address(frame.key, address)
-        return encode_request(key, bytes(frame.size), remote=True)
-    extended = given.get("extended", given["id"] >> _STANDARD_BITS != 0)
-    return encode_request(given["id"] | (EXTENDED if extended else 0), bytes(given.get("data", ())), remote=False)
+    address = frame.source_address
+    key = frame.key if address is None else from_address(frame.key, address)
+    return read_request(
+        given, key, frame.size, ("request",), problems, fd=frame.fd, addressed=not frame.by_group or address is not None
+    )
 
 
 def _frame(

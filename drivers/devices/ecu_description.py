@@ -50,6 +50,8 @@ class HeardMessage:
     """A message that is read; `period_s` is 0 if its period is unknown.
 
     One with pages shows each of them once in `pages` frames. One `by_group` is known by its J1939 parameter group.
+    `request` is the frame that requests it in every period (`protocols.can_frame`); empty for one that the ECU sends
+    without requests.
     """
 
     name: str
@@ -61,6 +63,7 @@ class HeardMessage:
     pages: int = 1
     fd: bool = False
     by_group: bool = False
+    request: bytes = b""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from drivers.current_source import SourceFault, SourceState, SourceTiming
+from drivers.devices.can_request import read_request, request_key
 from drivers.devices.dbc_file import DbcMessage
 from drivers.devices.ecu_description import (
     BOOTS,
@@ -30,6 +31,7 @@ from drivers.devices.ecu_description import (
     EcuDescription,
     FaultSignal,
     HeardMessage,
+    SentFrame,
 )
 from drivers.devices.ecu_missing import missing
 from drivers.devices.role_protection import read_protection
@@ -37,14 +39,15 @@ from drivers.devices.role_reading import SCALING, Found, Place, Reading, RolePro
 from drivers.devices.sent_frames import sent_frames
 from protocols.can_frame import EXTENDED
 from protocols.can_signals import FrameReader, Placed, Signal
+from protocols.descriptions import Problem
 from protocols.e2e import Protection
-from protocols.j1939 import from_address
+from protocols.j1939 import from_address, same_receiver
 from protocols.slcan import FD_LENGTHS
 from protocols.wire_units import seconds
 
 SENT_ROLES = (COMMAND, ENABLE, CLEAR)
 MEASURED = {CURRENT: "current", COIL: "temperature", ECU: "temperature", SUPPLY: "voltage", CLOCK: "time"}
-PLAIN = (SERIAL, FIRMWARE, LAYOUT, BOOTS)
+IDENTITY = (SERIAL, FIRMWARE, LAYOUT)
 STATES = {str(item.name).lower(): item for item in SourceState}
 FAULT_NAMES = {str(item.name).lower().replace("_", "-"): item for item in SourceFault}
 ROLE_KEYS: Mapping[str, tuple[str, ...]] = {
@@ -105,6 +108,7 @@ class _Roles:
             sent = tuple(replace(frame, identifier=from_address(frame.identifier, own)) for frame in sent)
         heard = self._heard(protections, periods)
         self._check_messages(protections, periods, {frame.name for frame in sent})
+        self._check_requests(sent, heard)
         timeout = self._roles.get("command_timeout")
         timeout_s = None if timeout is None else seconds(timeout)
         cyclic = self._roles.get("sending", SENDING[0]) == SENDING[0]
@@ -275,17 +279,37 @@ class _Roles:
         for field, named, _, _ in self._fault_signals:
             placed.setdefault(named.message.name, {})[field] = named.placed(plain=True)
         heard: dict[int, HeardMessage] = {}
+        requests: Mapping[str, Any] = self._roles.get("requests", {})
+        self._reading.of_messages(requests, ("requests",))
         address = self._address("source_address", [self._reading.messages[name] for name in placed])
         for name, fields in placed.items():
             message = self._reading.messages[name]
             protection = protections.get(name, Protection())
             self._overlaps(message, fields, protection)
+            by_group = message.any_address or (address is not None and message.extended)
+            period_s, request = periods.get(name, message.period_s), b""
+            if name in requests:
+                period_s = period_s or min(_usual_s(role) for role in fields)
+                request = self._request(requests[name], message, address, by_group=by_group)
             heard[_key(message)] = HeardMessage(
-                name, message.size, FrameReader(message.size, fields), protection,
-                periods.get(name, message.period_s), frozenset(fields), _page_count(message), message.fd,
-                message.any_address or (address is not None and message.extended),
+                name, message.size, FrameReader(message.size, fields), protection, period_s, frozenset(fields),
+                _page_count(message), message.fd, by_group, request,
             )
         return heard
+
+    def _request(
+        self, given: str | Mapping[str, Any], message: DbcMessage, address: int | None, *, by_group: bool
+    ) -> bytes:
+        """The request for a received message."""
+        problems: list[Problem] = []
+        key = _key(message) if address is None or not message.extended else from_address(_key(message), address)
+        place = ("requests", message.name)
+        request = read_request(
+            given, key, message.size, place, problems, fd=message.fd, addressed=not by_group or address is not None
+        )
+        for where, text in problems:
+            self._reading.wrong(tuple(map(str, where)), text)
+        return request
 
     def _overlaps(self, message: DbcMessage, fields: Mapping[str, Placed], protection: Protection) -> None:
         for what, bits in protection.places(message.size).items():
@@ -320,13 +344,31 @@ class _Roles:
                 refusal = f"{owner} and {name} have the same identifier, 0x{message.identifier:X}"
                 self._reading.wrong((), refusal, message.line)
 
+    def _check_requests(self, sent: Sequence[SentFrame], heard: Mapping[int, HeardMessage]) -> None:
+        """Only received messages are requested; no request is a command, or another message of the ECU."""
+        owners = {key: message.name for key, message in heard.items()}
+        received = set(owners.values())
+        owners |= {frame.identifier | (EXTENDED if frame.extended else 0): frame.name for frame in sent}
+        groups = {same_receiver(frame.identifier): frame.name for frame in sent if frame.j1939}
+        for name, given in self._roles.get("requests", {}).items():
+            if name in self._reading.messages and name not in received:
+                self._reading.wrong(("requests", name), f"message {name!r} is not received, so it is not requested. "
+                    "Fix: remove this entry")
+            if isinstance(given, str):
+                continue
+            key = request_key(given)
+            owner = owners.get(key) or (groups.get(same_receiver(key), "") if key & EXTENDED else "")
+            if owner not in {"", name}:
+                self._reading.wrong(("requests", name, "id"), f"0x{given['id']:X} is the identifier of message "
+                    f"{owner!r}. Fix: write the identifier of the request")
+
     def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:
         """Periods as stated; the usual one if none is stated."""
         of = {role: message.period_s * message.pages for message in heard.values() for role in message.roles}
         return SourceTiming(
-            of[CURRENT] or STATUS_S,
-            (of[COIL] or OTHER_S) if COIL in of else 0.0,
-            max((of[role] or 10 * OTHER_S for role in (SERIAL, FIRMWARE, LAYOUT) if role in of), default=0.0),
+            of[CURRENT] or _usual_s(CURRENT),
+            (of[COIL] or _usual_s(COIL)) if COIL in of else 0.0,
+            max((of[role] or _usual_s(role) for role in IDENTITY if role in of), default=0.0),
         )
 
     def _signals(self) -> dict[str, tuple[str, Signal]]:
@@ -355,6 +397,11 @@ def _page_count(message: DbcMessage) -> int:
     """How many frames it takes until every page has been shown, if they come in turn."""
     numbers = {(given.pages[0][0].name, min(given.pages[0][1])) for given in message.signals.values() if given.pages}
     return max(1, len(numbers))
+
+
+def _usual_s(role: str) -> float:
+    """Period assumed for a role's message if none is stated, s."""
+    return STATUS_S if role == CURRENT else 10 * OTHER_S if role in IDENTITY else OTHER_S
 
 
 def _key(message: DbcMessage) -> int:

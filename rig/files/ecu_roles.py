@@ -161,6 +161,19 @@ Constants = Annotated[
     Annotated[Constant, Tag("[plain]")] | Annotated[dict[str, Constant], Tag("[Table]")], Discriminator(_table)
 ]
 
+Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
+
+
+class CanRequest(DescriptionTable):
+    """A data frame that requests a message."""
+
+    id: Identifier = Field(examples=[0x080], description="identifier of the request")
+    extended: bool | None = Field(None, description="29-bit identifier (default: if the identifier exceeds 0x7FF)")
+    data: tuple[Byte, ...] | None = Field(None, max_length=8, description="data bytes (default none)")
+
+
+Request = Literal["remote"] | CanRequest
+
 Roles = table_of_words("Roles", "Roles of the signals.", (), str, **{
     role: (_role(role), Field(description=ABOUT[role], examples=["Message.signal"]))
     if role in {"command", "measured_current"} else (_role(role) | None, Field(None, description=ABOUT[role]))
@@ -177,6 +190,10 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
     protection: dict[str, Protected] | None = Field(None, description="counter and checksum of each message")
     periods: dict[str, Duration] | None = Field(
         None, description="period of a message, if the DBC file does not state it"
+    )
+    requests: dict[str, Request] | None = Field(
+        None, description='messages that the ECU sends only on request: "remote" (a remote frame) or the data frame '
+            "that requests the message; the request is sent in every period of the message"
     )
     source_address: Address | None = Field(
         None, description="J1939: address of the ECU (default: the first address from which its messages arrive, if "

@@ -16,7 +16,7 @@ from protocols.checksums import FRAME_CHECKSUMS, LINE_CHECKSUMS
 from protocols.line_format import ENCODINGS, LONGEST_LINE, NUMBERS, SIGNS
 from protocols.modbus_format import FRAMINGS, FUNCTIONS, TYPES
 from protocols.sensor_format import kind_of
-from rig.files.ecu_roles import Address, Name, Numbers, Protected
+from rig.files.ecu_roles import Address, Byte, Identifier, Name, Numbers, Protected, Request
 from rig.files.quantity import Check
 from rig.files.section import DescriptionTable
 
@@ -54,7 +54,6 @@ def _limits(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-Byte = Annotated[int, Field(ge=0, le=0xFF)]
 Bytes = Annotated[str | tuple[Byte, ...], Check(_bytes, alone=True)]
 Place = Annotated[int, Field(ge=1, le=LONGEST_LINE)]
 Span = Annotated[tuple[Place, Place], Check(_rising)]
@@ -326,17 +325,6 @@ class NetworkText(DescriptionTable):
     text: str
 
 
-Identifier = Annotated[int, Field(ge=0, le=0x1FFF_FFFF)]
-
-
-class CanRequest(DescriptionTable):
-    """A data frame that requests a reading."""
-
-    id: Identifier = Field(examples=[0x080], description="identifier of the request")
-    extended: bool | None = Field(None, description="29-bit identifier (default: if the identifier exceeds 0x7FF)")
-    data: tuple[Byte, ...] | None = Field(None, max_length=8, description="data bytes (default none)")
-
-
 class CanFormatFile(_AnyFormat, _Checksum):
     """A CAN message with the reading: a signal in a DBC file, or positions of the numbers in the message."""
 
@@ -363,7 +351,7 @@ class CanFormatFile(_AnyFormat, _Checksum):
     protection: Protected = Field(
         None, description="counter and checksum of the message, as in the roles file of an ECU"
     )
-    request: Literal["remote"] | CanRequest | None = Field(
+    request: Request | None = Field(
         None, description='for a sensor that must be polled: "remote" (a remote frame) or the data frame that requests '
             "a reading"
     )

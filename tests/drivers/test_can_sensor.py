@@ -192,6 +192,40 @@ def test_the_ecu_s_parameter_group_from_another_address_is_named_too() -> None:
         ecu.close()
 
 
+def test_the_ecu_s_messages_are_requested_at_their_periods_and_another_host_s_requests_are_no_faults() -> None:
+    dbc = DBC.replace("BO_ 386", 'BO_ 387 Order: 2 Host\n SG_ Wanted : 0|16@1+ (0.001,0) [0|60] "A" Cell\n'
+                      'BO_ 388 Drive: 2 Cell\n SG_ Current : 0|16@1+ (0.001,0) [0|60] "A" Host\n'
+                      'BO_ 389 Heat: 1 Cell\n SG_ Coil : 0|8@1+ (1,0) [0|200] "degC" Host\nBO_ 386')
+    described = current_source(DbcText("ecu.dbc", dbc), {
+        "command": "Order.Wanted", "measured_current": "Drive.Current", "coil_temperature": "Heat.Coil",
+        "requests": {"Drive": "remote", "Heat": {"id": 0x85, "data": (1, 2)}}, "periods": {"Drive": "20 ms"},
+    })  # fmt: skip
+    assert described.timing == (0.02, 0.1, 0.0)
+    assert "periods" not in dict(described.lacking)
+    with can.Bus(interface="virtual", channel="polled-ecu") as node:
+        bus = bus_of("polled-ecu")
+        ecu = CanCurrentSource(bus.join("ecu", described.hears, rest=True), described)
+        ecu.open()
+        statuses = []
+        requests: list[tuple[int, bool, int, bytes]] = []
+        end = time.monotonic() + 0.19
+        while time.monotonic() < end:
+            statuses += ecu.read_batch(0.005).statuses
+            while (frame := node.recv(0.0)) is not None:
+                requests.append((frame.arbitration_id, frame.is_remote_frame, frame.dlc, bytes(frame.data)))
+                if frame.arbitration_id == 388:
+                    node.send(can.Message(arbitration_id=388, is_extended_id=False, data=b"\xe8\x03"))
+        assert set(requests) == {(388, True, 2, b""), (0x85, False, 2, b"\1\2")}
+        assert 4 <= requests.count((388, True, 2, b"")) <= 10, "one in every 20 ms"
+        assert 1 <= requests.count((0x85, False, 2, b"\1\2")) <= 2, "one in every 100 ms"
+        assert len(statuses) >= 3
+        assert statuses[-1].current_A == 1.0
+        node.send(can.Message(arbitration_id=388, is_extended_id=False, is_remote_frame=True, dlc=2))
+        ecu.read_batch(0.005)
+        assert (ecu.counters.malformed, ecu.counters.other_frames) == (0, 1)
+        ecu.close()
+
+
 def refused(table: dict[str, object]) -> list[str]:
     with pytest.raises(DescriptionProblems) as error:
         can_format(table)
@@ -205,6 +239,8 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"id": 0x100, "length": 9, "fields": {}}, "must be the length"),
     ({"id": 0x100, "length": 2, "fields": {"value": {"at": 1, "type": "i16"}}}, "extends beyond"),
     ({"id": 0x100, "length": 2, "fields": {"value": {"at": 0, "type": "i16"}}, "source_address": 3}, "29-bit"),
+    ({"id": 0x100, "length": 2, "fields": {"value": {"at": 0, "type": "i16"}}, "request": {"id": 0x100}},
+     "('request', 'id'): 0x100 is the identifier of the requested message"),
 ]
 
 

@@ -171,6 +171,12 @@ SIG_VALTYPE_ 17 Amps : 1;
         ('"DriverCommand.SlewRate" = 100', '"DriverStatus.Stage" = 1', "'DriverStatus' is both sent and received"),
         ('counter = "Alive"\ncrc = "Checksum"\n\n', "offset = 2\n\n", "Target and the checksum of [protection."),
         ("command_timeout", 'sending = "on-change"\ncommand_timeout', "Fix: use cyclic transmission"),
+        ("[constants]", '[requests]\nDriverCommand = "remote"\n[constants]', "'DriverCommand' is not received"),
+        ("[constants]", '[requests]\nDriverStat = "remote"\n[constants]', "did you mean DriverStatus?"),
+        ("[constants]", '[requests]\nDriverStatus = "data"\n[constants]', "requests.DriverStatus"),
+        ("[constants]", "[requests]\nDriverStatus = {id = 0x18FF2100}\n[constants]", "taken for the answer"),
+        ("[constants]", "[requests]\nDriverStatus = {id = 0x18FF2200}\n[constants]", "of message 'DriverHealth'"),
+        ("[constants]", "[requests]\nDriverStatus = {id = 0x18FF2000}\n[constants]", "of message 'DriverCommand'"),
     ],
 )
 def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str, message: str) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import struct
+from pathlib import Path
 
 import demo_ecu as wire
 import numpy as np
@@ -11,6 +12,7 @@ from drivers.current_source import SourceFault, SourceState
 from simulators.clock import DeviceClock
 from simulators.ecu import Ecu
 from simulators.ecu_wire import Frame
+from simulators.emulated_ecu import EmulatedEcuFiles
 from simulators.options import CoilOptions, RigOptions
 from simulators.plant.plant import Plant
 
@@ -18,12 +20,13 @@ from simulators.plant.plant import Plant
 class Coil:
     """An ECU on its plant, without a bus."""
 
-    def __init__(self, noise_A: float = 0.0, temperatures_until_s: float = math.inf) -> None:
+    def __init__(self, noise_A: float = 0.0, temperatures_until_s: float = math.inf,
+                 files: EmulatedEcuFiles | None = None) -> None:
         self.plant = Plant(RigOptions())
         self.log: list[tuple[str, str]] = []
         options = CoilOptions(current_noise_A=noise_A, temperatures_until_s=temperatures_until_s)
         self.ecu = Ecu(self.plant, options, 23.0, DeviceClock(0.0, 0.0), np.random.default_rng(0),
-                       lambda code, text: self.log.append((code, text)))
+                       lambda code, text: self.log.append((code, text)), None if files is None else files.load())
         self.counter = 0
 
     def command(self, current_A: float, enable: bool = True, clear: bool = False) -> None:
@@ -55,6 +58,24 @@ def test_periods_follow_the_device_clock(coil: Coil) -> None:
     assert by_id[0x123] in {2, 3}
     times = [status.device_time_ticks for status in statuses(frames)]
     assert set(np.diff(times).tolist()) == {100}
+
+
+def test_a_message_on_request_is_sent_once_for_each_request_or_at_its_period_on_a_faster_rig() -> None:
+    roles = {
+        "command": "CoilCommand.CurrentSetpoint", "measured_current": "CoilStatus.Current",
+        "requests": {"CoilStatus": "remote"}, "periods": {"CoilStatus": "10 ms"},
+    }  # fmt: skip
+    coil = Coil(files=EmulatedEcuFiles(Path(__file__).parents[2] / "drivers/devices/demo_ecu.dbc", roles))
+    assert coil.run(0.1) == []
+    for _ in range(2):
+        coil.ecu.request(0x121, b"", remote=True)
+    coil.ecu.request(0x121, bytes(8), remote=False)
+    coil.ecu.request(0x122, b"", remote=True)
+    assert [identifier for identifier, _ in coil.run(0.002)] == [0x121, 0x121]
+    assert coil.run(0.1) == []
+    coil.ecu.request(0x121, b"", remote=True, answers=5)
+    assert 1 <= len(coil.run(0.02)) <= 3
+    assert len(coil.run(1.0)) <= 4
 
 
 def test_temperatures_can_end_while_everything_else_goes_on() -> None:
