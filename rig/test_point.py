@@ -10,6 +10,7 @@ from rig.signals.record import Record, RecordFacts
 from rig.signals.waveform import Waveform, waveform_named
 
 LOOP, FRICTION, CURRENT_STEP, HYBRID, SIGNAL = "loop", "friction", "current_step", "hybrid", "signal"
+RESPONSE = "response"
 """The kinds of test points."""
 PASSIVE = "passive"
 """The law of a hybrid test at constant current."""
@@ -30,22 +31,24 @@ class Forecast(NamedTuple):
 
 @dataclass(frozen=True)
 class TestPoint:
-    """A waveform about a centre at a constant coil current, or currents that are stepped while the rod is at rest.
+    """A waveform about a centre at a constant or stepped coil current, or current steps while the rod is at rest.
 
     Attributes:
         id: name of the point.
         waveform: name of the waveform; `hold` where the rod is at rest or follows a simulated car.
         amplitude_m: of a signal the largest distance from the centre, of a hybrid test the largest extension forecast.
         frequency_Hz: of a signal how often it crosses its mean upwards.
-        current_A: of current steps the largest of them; of a current that a law commands the highest it may command.
+        current_A: of stepped currents the largest of them; of a current that a law commands the highest it may command.
         cycles: at full amplitude, in addition to both ramps; the whole of a signal or of a hybrid test is one cycle.
         ramp_in_cycles, ramp_out_cycles: fade in and fade out.
         centre_m: centre of the motion in the displacement sensor's coordinate.
         repeat: counts from 1.
         rest_s: rest before the point.
-        kind: `loop`, `friction` (a slow triangle at 0 A, for gas force and friction), `current_step`, `hybrid` or
-            `signal`.
-        steps_A: of current steps the currents in turn; of a current that a law commands the first one.
+        kind: `loop`, `friction` (a slow triangle at 0 A, for gas force and friction), `current_step`, `hybrid`,
+            `signal` or `response` (a triangle during which the current is stepped).
+        steps_A: of stepped currents the currents in turn; of a current that a law commands the first one.
+        steps_s: of a current program, which runs during a motion, when each of `steps_A` is commanded (s since the
+            start of the motion, ramp included; 0 first); each current is held until the next. Empty at any other point.
         law: what commands the current of a hybrid test; else empty.
         record: the motion of a signal; a recorded point keeps only its facts, without samples.
         forecast: peaks of a hybrid test; not recorded.
@@ -68,6 +71,7 @@ class TestPoint:
     rest_s: float = 0.0
     kind: str = LOOP
     steps_A: tuple[float, ...] = ()
+    steps_s: tuple[float, ...] = ()
     law: str = ""
     record: RecordFacts | None = None
     forecast: Forecast | None = None
@@ -107,6 +111,11 @@ class TestPoint:
     def current_by_law(self) -> bool:
         """Whether a law commands the current anew at each step of a hybrid test."""
         return self.kind == HYBRID and self.law not in {"", PASSIVE}
+
+    @property
+    def current_programmed(self) -> bool:
+        """Whether the station steps the current during the motion."""
+        return bool(self.steps_s)
 
     @property
     def first_current_A(self) -> float:
@@ -160,10 +169,12 @@ class TestPoint:
         """`described` in the units of a display."""
         if self.kind == CURRENT_STEP:
             return f"{self.motion} for {self.motion_s:.3g} s, up to {self.current_A:.3g} A"
+        current = f"{self.current_A:.3g} A"
+        if self.current_programmed:
+            current = f"{min(self.steps_A):.3g} to {max(self.steps_A):.3g} A"
         if self.has_frequency:
             size = shown.displacement.text(self.amplitude_m)
-            return f"{self.motion} {size} {self.frequency_Hz:.4g} Hz {self.current_A:.3g} A"
-        current = f"{self.current_A:.3g} A"
+            return f"{self.motion} {size} {self.frequency_Hz:.4g} Hz {current}"
         if self.current_by_law:
             current = f"up to {current} by {self.law}"
         size = shown.displacement.text(self.amplitude_m, 3)

@@ -397,7 +397,7 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
     if described is None:
         _check_by_hand(matrix)
         return
-    negative = any(point.current_A < 0.0 for point in matrix.points())
+    negative = _has_negative(matrix)
     if described.current_A[0] >= 0.0 and (matrix.campaign.demagnetise or negative):
         raise Refused(
             "source-without-negative-current",
@@ -407,19 +407,27 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
         )
 
 
+def _has_negative(matrix: Matrix) -> bool:
+    """Whether a point requires a negative current."""
+    return any(min((point.current_A, *point.steps_A)) < 0.0 for point in matrix.points())
+
+
 def _check_by_hand(matrix: Matrix) -> None:
     """Refuse a matrix that an operator cannot follow manually.
 
     Raises:
         Refused: as `check_source`; or it has a [[current_step]] (`by-hand-without-steps`).
     """
-    if matrix.current_step:
+    stepped = "[[current_step]]" if matrix.current_step else ""
+    if any(point.current_programmed for point in matrix.points()):
+        stepped = "current program"
+    if stepped:
         raise Refused(
             "by-hand-without-steps",
-            "the matrix has a [[current_step]], but an operator cannot set currents at exact times; no motion "
-            "was started. Fix: remove this table",
+            f"the matrix has a {stepped}, but an operator cannot set currents at exact times; no motion "
+            "was started. Fix: remove it",
         )
-    if matrix.campaign.demagnetise or any(point.current_A < 0.0 for point in matrix.points()):
+    if matrix.campaign.demagnetise or _has_negative(matrix):
         raise Refused(
             "source-without-negative-current",
             "the matrix requires negative currents, but the current is set manually; no motion was started. Fix: "

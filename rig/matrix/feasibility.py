@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from drivers.streamed_actuator import FEWEST_SETPOINTS
 from rig.bench.model import Bench
@@ -20,7 +21,7 @@ from rig.matrix.stopping import stop_fits, stopping_reach, within
 from rig.matrix.streaming import peaks, some
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
-from rig.test_point import HYBRID, TestPoint
+from rig.test_point import HYBRID, RESPONSE, TestPoint
 from rig.units import show
 
 SAMPLES_A_CYCLE = 25
@@ -35,6 +36,9 @@ FORCE_HEADROOM = 0.05
 SETTLING_LAGS = 6.0
 """Shortest hold of a current step in time constants of the coil: with fewer the recorded current, with its noise, does
 not determine to which level it settles (3 mA at 6, 16 mA at 5, 30 mA at 4 for 4 mA of noise)."""
+
+MOST_CURRENT_STEPS, SHORTEST_CURRENT_HOLD_S = 2000, 0.002
+"""Of a current program, as in the station."""
 
 SETTLED_STEPS = 4.0
 """Of the measured current: the noise of a current controller is some steps (2 mA of 1 mA on the simulated rig)."""
@@ -169,13 +173,16 @@ def _of_waveform(point: TestPoint, bench: Bench) -> Iterator[Reason]:
 
 
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
-    if _beyond(point.current_A, bench.limits.current_A):
-        text = f"current {point.current_A:.3g} A is above the bench's limit, {bench.limits.current_A:.3g} A"
+    largest_A = max(map(abs, (point.current_A, *point.steps_A)))
+    if _beyond(largest_A, bench.limits.current_A):
+        text = f"current {largest_A:.3g} A is above the bench's limit, {bench.limits.current_A:.3g} A"
         yield Reason("current", text)
     yield from _settled_current(point, matrix, bench)
     own = matrix.specimen.max_current_A
-    if own is not None and _beyond(point.current_A, own):
-        yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's limit, {own:.3g} A")
+    if own is not None and _beyond(largest_A, own):
+        yield Reason("specimen-current", f"current {largest_A:.3g} A is above the specimen's limit, {own:.3g} A")
+    if point.current_programmed:
+        yield from _of_program(point, bench)
     assumed = matrix.specimen.assumed
     if point.kind == HYBRID and matrix.hybrid is not None and assumed is not None:
         yield from (Reason(*given) for given in matrix.hybrid.reasons(point, assumed, bench))
@@ -249,6 +256,27 @@ def _of_steps(point: TestPoint, eta_1_s: float) -> Iterator[Reason]:
         yield Reason("current-settling", text)
 
 
+def _of_program(point: TestPoint, bench: Bench) -> Iterator[Reason]:
+    """Whether the steps of a current program fit into the motion, and whether the current source can take them."""
+    count, last_s = len(point.steps_s), point.steps_s[-1]
+    if count > MOST_CURRENT_STEPS:
+        text = f"the current program has {count} steps; allowed: at most {MOST_CURRENT_STEPS}"
+        yield Reason("current", text, count)
+    if last_s >= point.motion_s:
+        text = (
+            f"the last step of the current program is at {last_s:.4g} s, but the motion ends at {point.motion_s:.4g} s"
+        )
+        yield Reason("current", text, last_s)
+    hold_s = min((after - before for before, after in pairwise(point.steps_s)), default=math.inf)
+    needed_s = max(SHORTEST_CURRENT_HOLD_S, 0.0 if bench.ecu.described_supply is None else bench.ecu.poll_s)
+    if _beyond(needed_s, hold_s):
+        text = (
+            f"the current program holds a current for only {show(hold_s, 'ms', 3)}; this current source requires at "
+            f"least {show(needed_s, 'ms', 3)}"
+        )
+        yield Reason("current-settling", text, needed_s / max(hold_s, 1e-9))
+
+
 def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reason]:
     """Whether sensors and set-points carry a signal's highest frequency, and whether there are set-points at all."""
     highest_Hz, rate_Hz = record.highest_Hz, min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
@@ -312,7 +340,7 @@ def _beyond(value: float, limit: float) -> bool:
 
 def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> float | None:
     """The largest amplitude, rounded down, with which the point becomes feasible; None when none does."""
-    if point.forecast is not None:
+    if point.forecast is not None or point.kind == RESPONSE:  # a smaller stroke has no room for its steps
         return None
     if any(True for _ in _independent_of_amplitude(point, matrix, bench)):
         return None

@@ -19,7 +19,7 @@ OPTIONAL: Mapping[str, Any] = {
     "kind": LOOP,
 }
 """Further fields, and their values where a recording does not state them."""
-STEPS, LAW = "steps_A", "law"
+STEPS, STEP_TIMES, LAW = "steps_A", "steps_s", "law"
 COMMANDED = {
     "amplitude_m": "commanded_amplitude_m", "centre_m": "commanded_centre_m",
     "amplitude_tolerance": "amplitude_tolerance", "low_degC": "temperature_low_degC",
@@ -31,8 +31,8 @@ RECORD = {
     "highest_Hz": "record_highest_Hz",
 }  # fmt: skip
 """Field of `RecordFacts` -> attribute."""
-NAMES = frozenset({*MOTION, *OPTIONAL, STEPS, LAW, *COMMANDED.values(), *RECORD.values()})
-TEXTS = frozenset({"id", "waveform", "kind", STEPS, LAW, RECORD["name"], RECORD["sha256"]})
+NAMES = frozenset({*MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, *COMMANDED.values(), *RECORD.values()})
+TEXTS = frozenset({"id", "waveform", "kind", STEPS, STEP_TIMES, LAW, RECORD["name"], RECORD["sha256"]})
 """Those that are texts; the others are numbers."""
 
 
@@ -66,7 +66,8 @@ def attributes_of(point: TestPoint, commanded: Commanded) -> dict[str, str | int
     record = point.record
     values = {
         **{name: getattr(point, name) for name in (*MOTION, *OPTIONAL)},
-        STEPS: " ".join(f"{step_A:g}" for step_A in point.steps_A), LAW: point.law or None,
+        STEPS: " ".join(f"{step_A:g}" for step_A in point.steps_A),
+        STEP_TIMES: " ".join(f"{step_s:.12g}" for step_s in point.steps_s) or None, LAW: point.law or None,
         **{attribute: getattr(commanded, name) for name, attribute in COMMANDED.items()},
         **({} if record is None else {attribute: getattr(record, name) for name, attribute in RECORD.items()}),
     }
@@ -80,13 +81,14 @@ def point_fields(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         KeyError: one that every recording states is missing.
-        ValueError: its steps are no numbers.
+        ValueError: its steps or their times are no numbers.
     """
     stated = {name: value for name, value in attributes.items() if value is not None}
     fields = {name: stated[name] for name in MOTION}
     fields |= {name: stated.get(name, absent) for name, absent in OPTIONAL.items()}
     fields[LAW] = stated.get(LAW, "")
-    fields[STEPS] = tuple(map(float, str(stated.get(STEPS, "")).split()))
+    for name in (STEPS, STEP_TIMES):
+        fields[name] = tuple(map(float, str(stated.get(name, "")).split()))
     if RECORD["duration_s"] in stated and RECORD["ramp_s"] in stated:
         fields["record"] = RecordFacts(
             stated.get(RECORD["name"], ""), stated[RECORD["duration_s"]], stated[RECORD["ramp_s"]],

@@ -1,4 +1,4 @@
-"""By how much the measured current missed the wanted one: in the worst stretch of a loop, at the end of every step."""
+"""Deviation of the measured current from its set-point: worst stretch of a loop, end of a step, levels of a program."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ LAGS_A_HOLD, LAGS_TRIED = (1.5, 200.0), 50
 """Holds of so many time constants of the coil; shorter ones do not determine the level."""
 SETTLED = 1e-6
 """Of the level: a remainder of the lag that is smaller is none."""
+MOST_HOLDS = 200
+"""A program with more holds is checked by its mean."""
 SHORTEST_HOLD = 0.25
 """Of the wanted one: a rig that outruns its host is given its steps unevenly."""
 
@@ -104,6 +106,41 @@ def steps_error_A(
     if settled_A is None:
         return None
     return max(abs(settled - level) for settled, level in zip(settled_A, levels_A, strict=True))
+
+
+def program_error_A(
+    time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[float], levels_s: Sequence[float]
+) -> float | None:
+    """The largest deviation (A) of a level of a current program, over all its holds, from the current measured in them.
+
+    Each level is checked by the median over the longer half of its holds: the settled current of a short hold is
+    extrapolated, and its noise with it.
+
+    Args:
+        time_s: (n,) s, increasing.
+        current_A: measured current (n,), A; NaN where unknown.
+        levels_A: currents in turn (k,), A.
+        levels_s: when each was to begin (k,), s since the start of the motion.
+
+    Returns:
+        None where a hold's current was not measured, or there are too many holds.
+    """
+    if not 1 <= len(levels_A) <= MOST_HOLDS:
+        return None
+    known = np.isfinite(current_A)
+    time_s, current_A = time_s[known], current_A[known]
+    shortest_s = float(np.min(np.diff(levels_s), initial=np.inf))
+    bounds = _holds(time_s, current_A, levels_A, SHORTEST_HOLD * min(shortest_s, 1.0))
+    settled_A = None if bounds is None else _settled_A(time_s, current_A, bounds)
+    if bounds is None or settled_A is None:
+        return None
+    lasted_s = np.diff(np.append(time_s, time_s[-1])[np.asarray(bounds)])
+    levels, settled, worst_A = np.asarray(levels_A), np.asarray(settled_A), 0.0
+    for level_A in np.unique(levels):
+        at_level = levels == level_A
+        long_enough = at_level & (lasted_s >= np.median(lasted_s[at_level]))
+        worst_A = max(worst_A, abs(float(np.median(settled[long_enough])) - float(level_A)))
+    return worst_A
 
 
 def _settled_A(time_s: FloatArray, current_A: FloatArray, bounds: Sequence[int]) -> list[float] | None:

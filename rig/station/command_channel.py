@@ -17,11 +17,16 @@ MOTION_COMMANDS = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Comm
 
 
 class CommandChannel:
-    """Sends commands through the actuator's thread and waits for their acknowledgement."""
+    """Sends commands through the actuator's thread and waits for their acknowledgement.
+
+    Attributes:
+        sent_ns: when the last command had been sent (host monotonic).
+    """
 
     def __init__(self, actuator: ActuatorThread, supervisor: Supervisor) -> None:
         self._actuator = actuator
         self._supervisor = supervisor
+        self.sent_ns = 0
 
     def fresh(self) -> ActuatorStatus:
         """The controller's last status; a stale one is waited for, since nothing moves before it.
@@ -75,8 +80,9 @@ class CommandChannel:
             return begin(driver)
 
         sequence = self._actuator.call(send, ACK_TIMEOUT_S)
+        self.sent_ns = monotonic_ns()
         if not self._actuator.capabilities.acknowledge:
-            sent_ns = monotonic_ns()
+            sent_ns = self.sent_ns
             return self.await_status(
                 lambda answer: answer.received_ns > sent_ns, "modbus-halfopen", f"no status after {command.name}"
             )

@@ -9,7 +9,8 @@
     move         target_m, speed_m_s
     set_current  current_A
     start        waveform, amplitude_m, frequency_Hz, centre_m, cycles, ramp_in_cycles, ramp_out_cycles[, table];
-                 or hybrid (a hybrid test), or signal (a motion without cycles, sample by sample)
+                 or hybrid (a hybrid test), or signal (a motion without cycles, sample by sample); cycles and signal
+                 also with current (current steps during the motion: time_s, current_A)
     stop         kind=S2|S1|SO, reason[, detail]
     reset                                            after a stop, at standstill and 0 A, with no fault left
     disarm                                           0 A, hydraulics off, lease given back
@@ -32,6 +33,7 @@ from rig.clock import monotonic_ns, wait_for
 from rig.faults.row import StopKind
 from rig.signals.stopping import Reach, halted_m
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
+from rig.station.current_program import CurrentSteps, current_program
 from rig.station.errors import StationRefused
 from rig.station.examination import NOTHING_STOPS_IT, examine
 from rig.station.hybrid_source import start_hybrid
@@ -258,11 +260,17 @@ class Requests:
 
     def _start(self, arguments: Arguments) -> Answer:
         self._require_motion("start")
+        devices, supervisor, commands = self._devices, self._supervisor, self._commands
         if "hybrid" in arguments:
-            return start_hybrid(arguments["hybrid"], self._devices, self._supervisor, self._commands)
+            return start_hybrid(arguments["hybrid"], devices, supervisor, commands)
+        steps = current_program(arguments["current"], devices) if "current" in arguments else None
         if "signal" in arguments:
-            return start_signal(arguments["signal"], self._devices, self._supervisor, self._commands)
-        return start_cycles(arguments, self._devices, self._supervisor, self._commands)
+            answer = start_signal(arguments["signal"], devices, supervisor, commands)
+        else:
+            answer = start_cycles(arguments, devices, supervisor, commands)
+        if steps is not None:
+            CurrentSteps(steps, commands.sent_ns, devices, supervisor).start()
+        return answer
 
     # Stops
 

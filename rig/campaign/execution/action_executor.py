@@ -249,8 +249,11 @@ class ActionExecutor:
         if point.kind == HYBRID:
             self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
             return
+        steps: dict[str, Any] = {}
+        if point.current_programmed:
+            steps["current"] = {"time_s": list(point.steps_s), "current_A": list(point.steps_A)}
         if point.record_samples is not None:
-            self._requests.ask(Request.START, signal=signal_order(point, point.record_samples))
+            self._requests.ask(Request.START, signal=signal_order(point, point.record_samples), **steps)
             return
         self._requests.ask(
             Request.START,
@@ -262,6 +265,7 @@ class ActionExecutor:
             ramp_in_cycles=point.ramp_in_cycles,
             ramp_out_cycles=point.ramp_out_cycles,
             **({"table": point.shape.table_m(point.amplitude_m)} if point.shape.controller == "table" else {}),
+            **steps,
         )
 
     def _stop(self, action: act.Stop) -> None:

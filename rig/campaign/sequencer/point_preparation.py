@@ -54,8 +54,9 @@ def program(state: State) -> TestPoint:
 
 
 def adapts(state: State) -> bool:
-    """Whether the current point's command is compensated."""
-    return state.conditions.tolerance is not None and state.point.kind == LOOP
+    """Whether the current point's command is compensated: a motion at a constant current, which repeats itself."""
+    constant = state.point.kind == LOOP and not state.point.current_programmed
+    return state.conditions.tolerance is not None and constant
 
 
 def drive_of(state: State) -> Drive:

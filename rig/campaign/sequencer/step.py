@@ -188,6 +188,8 @@ def _run(state: State, event: ev.CurrentSettled) -> Step:
     if point.at_rest:
         state = replace(state, steps_left=point.steps_A[1:])
         return _hold_step(state, begin)
+    if point.current_programmed:
+        state = replace(state, last_current_A=point.steps_A[-1])
     return _start(state, Phase.RUNNING, program, begin)
 
 

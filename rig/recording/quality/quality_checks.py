@@ -25,7 +25,7 @@ from rig.recording.quality.verdict import Kind, Reason
 from rig.recording.quality.verdict_rules import PointEvidence, SensorCounts, evaluate
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
-from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
+from rig.signals.current_error import law_error_A, loop_error_A, program_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 from rig.signals.peak_force import PeakForce, peak_force
@@ -105,7 +105,8 @@ def examine(
     if motion is not None:
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
-        shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
+        if not point.current_programmed:  # its cycles differ by the current
+            shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
     peak = peak_force(seen.time_s[inside], seen.force_N[inside], None if motion is None else starts)
     frequency_Hz = point.frequency_Hz
     period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
@@ -175,7 +176,11 @@ def _current_error_A(
     """How far the measured current was off: of its level, of each of its steps, or of what was commanded meanwhile."""
     if point.at_rest:
         return steps_error_A(seen.time_s, seen.current_A, point.steps_A, 1.0 / point.frequency_Hz)
-    if not point.current_by_law:
+    if point.current_programmed:
+        error_A = program_error_A(seen.time_s, seen.current_A, point.steps_A, point.steps_s)
+        if error_A is not None:
+            return error_A
+    elif not point.current_by_law:
         return loop_error_A(seen.time_s, seen.current_A, point.current_A, starts)
     commands = alignment.timed.get("commanded_current")
     if commands is None:

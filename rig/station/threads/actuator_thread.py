@@ -51,6 +51,8 @@ COMMANDS = {
     StopAction.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
 }
 """Stop commands, the weakest first: one that was sent makes those before it needless."""
+CLOCK_STATUSES = 20
+"""Statuses by whose least delayed one the controller's clock is read."""
 PRESSURE_ACTIONS = frozenset({StopAction.HYDRAULICS_LOW, StopAction.HYDRAULICS_OFF})
 
 
@@ -95,6 +97,8 @@ class ActuatorThread(DeviceThread):
         self._settings: tuple[int, int] | None = None
         self._sent: SentStop | None = None
         self._records = StatusRecords()
+        self._rate = supervisor.config.device_rate
+        self._ahead_us: deque[float] = deque(maxlen=CLOCK_STATUSES)
 
     # For other threads
 
@@ -187,6 +191,14 @@ class ActuatorThread(DeviceThread):
         except TimeoutError:
             future.cancel()
             raise
+
+    def controller_s(self, host_ns: int) -> float:
+        """The controller's clock at a host time (ns), s; the host's clock at the device rate before the first status.
+
+        The least delayed of the last statuses counts, so that a late answer does not set the clock back.
+        """
+        ahead_us = max(list(self._ahead_us), default=0.0)
+        return 1e-6 * (ahead_us + 1e-3 * self._rate * host_ns)
 
     def expect_settings(self, expected: bool) -> None:
         """Compare boot count and configuration with what they are now (True), or with nothing (False)."""
@@ -388,6 +400,7 @@ class ActuatorThread(DeviceThread):
         self.slug = SILENT
         device_us, records = self._records.of(status, self.polls)
         self.clock.take(status.received_ns, device_us)
+        self._ahead_us.append(device_us - 1e-3 * self._rate * status.received_ns)
         self._append(records)
         lvdt_m = self._travel.position_m(status.received_ns)
         findings = self.interlock.check(status, lvdt_m, self._travel.speed_m_s, self._driver.sent)

@@ -66,6 +66,7 @@ class CurrentSourceThread(ReadingThread):
         self._not_numbers_reported: set[Channel] = set()
         self._zeroed = True
         self._zeroed_ns = self._before_ns = 0
+        self._program: object | None = None
         self._command_lock = threading.Lock()
         self._progress = threading.Condition()
 
@@ -103,6 +104,7 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
+            self._program = None
             self._bus_interlock.forget_others(self._driver.counters)
             self._command(0.0, enable=False, clear_faults=True)
             self._driver.start(self.config.command_period_s)
@@ -174,10 +176,40 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
+            self._program = None
             if self._zeroed and current_A != 0.0:
                 raise StationRefused("tripped", "set_current: 0 A is latched")
             self._command(current_A, enable=not self._zeroed or self.by_hand)
             self._driver.send_now()
+
+    def follow_program(self, program: object) -> None:
+        """From now on this program may step the current, until anything else commands one."""
+        with self._command_lock:
+            self._program = None if self._zeroed else program
+
+    def leave_program(self, program: object) -> bool:
+        """This program commands no more steps; False if another program is followed by now."""
+        with self._command_lock:
+            last = self._program is None or self._program is program
+            self._program = None if last else self._program
+            return last
+
+    def follows_program(self, program: object) -> bool:
+        """Nothing else has commanded a current since this program began."""
+        return self._program is program
+
+    def step_current(self, program: object, current_A: float) -> bool:
+        """Command a step (A) of a current program; False, and nothing is sent, if the program no longer applies.
+
+        Raises:
+            DriverError: the bus does not take the frame.
+        """
+        with self._command_lock:
+            if self._program is not program:
+                return False
+            self._command(current_A, enable=True)
+            self._driver.send_now()
+            return True
 
     def rest(self) -> None:
         """Command 0 A with the output stage off, at once and from now on; the coil may be used again.
@@ -186,13 +218,14 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
+            self._program = None
             self._command(0.0, enable=False)
             self._driver.send_now()
 
     def zero_now(self) -> None:
         """Command 0 A, output stage off, and put the frame on the wire at once; never raises."""
         with self._command_lock:
-            self._zeroed = True
+            self._zeroed, self._program = True, None
             self._zeroed_ns = monotonic_ns()
             self._command(0.0, enable=False)
             try:
@@ -232,6 +265,16 @@ class CurrentSourceThread(ReadingThread):
         if status is None or self.port_lost is not None or monotonic_ns() - self._last_ns > allowed_ns:
             return None
         return status.current_A
+
+    @property
+    def commanded_A(self) -> float:
+        """Set-point of the commands (A); 0 while the output stage is to be off."""
+        return self._driver.commanded_A
+
+    @property
+    def patience_s(self) -> float:
+        """Age at which its last value is stale (wall s)."""
+        return 1e-9 * self._stale_ns
 
     @property
     def coil_degC(self) -> float:

@@ -25,6 +25,8 @@ POINTS = (
     LOOP,
     TestPoint("steps1", "hold", 0.0, 2.0, 1.0, 2, 0.0, 0.0, kind="current_step", steps_A=(0.2, 1.0)),
     TestPoint("hybrid-model", "hold", 0.02, 0.1, 1.0, 1, 0.0, 0.0, kind="hybrid", steps_A=(0.3,), law="skyhook"),
+    TestPoint("response1", "triangle", 0.04, 0.625, 2.0, 4, 1.0, 1.0, kind="response", steps_A=(0.0, 2.0, 0.5),
+              steps_s=(0.0, 1234.567891, 1300.0)),
     TestPoint("p002", "road", 0.01, 4.0, 1.0, 1, 0.0, 0.0, kind="signal", record=ROAD),
 )
 COMMANDED = Commanded(0.0213, 0.0031, 0.01, 20.0, 45.0)

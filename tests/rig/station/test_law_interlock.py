@@ -38,3 +38,18 @@ def test_a_source_that_drives_too_much_is_found() -> None:
 
 def test_a_current_that_is_no_law_s_is_not_evaluated_here() -> None:
     assert found(0.0, law=False) == []
+
+
+def test_the_end_of_a_step_before_the_window_is_no_deviation() -> None:
+    """A window of equal commands still contains the decay of the last step: 2 A x 0.05 s / 1 s = 0.1 A."""
+    interlock = LawInterlock(SourceTiming(status_s=PERIOD_S), SETTLING_S)
+    interlock.follow(law=True, patience_s=0.03)
+    current_A, seen = 0.0, []
+    for n in range(600):
+        requested_A = 2.0 if n < 250 else 0.0
+        current_A += (1.0 - math.exp(-PERIOD_S / LAG_S)) * (requested_A - current_A)
+        seen += interlock.check(SourceStatus(2, current_A, 0), requested_A, int(1e9 * n * PERIOD_S))
+    assert seen == []
+    for n in range(600, 700):
+        seen += interlock.check(SourceStatus(2, 0.3, 0), 0.0, int(1e9 * n * PERIOD_S))
+    assert [finding.slug for finding in seen] == ["current-tracking"], "a current that remains is detected"
