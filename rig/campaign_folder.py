@@ -70,6 +70,8 @@ class CampaignFolder:
     """Folder of results cached for each point (`rig.recording.point_cache`); may be deleted."""
     fit = _Inside("fit.json")
     characteristics = _Inside("characteristics.json")
+    acceptance = _Inside("acceptance.json")
+    """Verdict on the specimen, if the matrix has acceptance bands."""
     report = _Inside("report.html")
     hybrid = _Inside("hybrid.json")
     reference = _Inside("reference")
@@ -102,6 +104,17 @@ class CampaignFolder:
             text = f"{len(inside)} campaigns found in this folder ({names}). Fix: specify one of them"
             raise FileProblem(str(path), [text])
         return inside[0] if inside else here
+
+    def record(self, name: str) -> Path:
+        """The run's own copy of a file that its matrix names: another user's run refers to no file of this computer.
+
+        Raises:
+            FileProblem: it is a symbolic link.
+        """
+        file = self.records / name.replace("\\", "/").rpartition("/")[2]
+        if self.records.is_symlink() or file.is_symlink():
+            raise FileProblem(str(file), ["is a symbolic link; this file must be in the run's folder"])
+        return file
 
     @property
     def evaluated(self) -> list[Path]:

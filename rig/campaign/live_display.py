@@ -95,6 +95,12 @@ class LiveDisplay:
         self._state["ended"] = {"refused": slug, "lines": [text]}
         self._write()
 
+    def specimen(self, specimen: Mapping[str, str]) -> None:
+        """The verdict on the specimen of a campaign that has ended: `verdict` and `reason`."""
+        if self._state["ended"] is not None:
+            self._state["ended"] = {**self._state["ended"], "specimen": dict(specimen)}
+            self._write()
+
     def ended(self, result: CampaignResult, lines: list[str]) -> None:
         """How it ended, with the lines that the operator reads at the terminal; stays until the next campaign.
 

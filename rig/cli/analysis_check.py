@@ -1,4 +1,4 @@
-"""Check before a campaign starts: can the matrix's `[identify]` be applied to its points at the end?
+"""Check before a campaign starts: can `[identify]` and `[acceptance]` of the matrix be applied to its points?
 
 After this check, only the measured values can make an identification fail, not names, filters or combinations.
 """
@@ -46,6 +46,24 @@ def check_analysis(path: Path, matrix: Matrix) -> None:
     problems = analysis_problems(matrix.identify, matrix.points())
     if problems:
         raise FileProblem(str(path), [f"identify.{text}" for text in problems])
+
+
+def check_specimen(path: Path, matrix: Matrix, *, fitted: bool = True) -> None:
+    """Refuse acceptance bands that limit what the matrix does not measure.
+
+    Args:
+        path: the matrix file, for the message.
+        matrix: what it says; without `[acceptance]` nothing is checked.
+        fitted: whether the model of `[identify]` will be fitted.
+
+    Raises:
+        FileProblem: one line for each thing that cannot work.
+    """
+    if matrix.acceptance is None:
+        return
+    from rig.comparison.planned_bands import check_acceptance  # loads numba, which most matrices do not need
+
+    check_acceptance(path, matrix, fitted=fitted)
 
 
 def analysis_problems(settings: Identify, points: Iterable[TestPoint]) -> list[str]:

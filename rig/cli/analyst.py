@@ -2,18 +2,19 @@
 
 It is started before the motion, loads the numeric packages at low priority during it, and then answers one JSON line
 on its standard input, {"run", "identify": {"model", "method", "holdout"} or null}, with one on its standard output:
-{"fit", "report", "error", "report_error"}.
+{"fit", "report", "error", "report_error", "specimen"}, the last one as in `acceptance.json`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import os
 import sys
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rig.campaign_folder import CampaignFolder
 from rig.errors import RigError
@@ -22,27 +23,45 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 NICENESS = 10
+Made = TypeVar("Made")
 
 
 def analyse(run: Path, settings: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Identify (when wanted) and report; what fails is said, and does not cost the other."""
+    """Identify (when wanted), evaluate the specimen and report; an error in one of them does not affect the others."""
     # loads numba and numpy: not needed for the help
     from rig.identification import identify_run
     from rig.report import write_report
 
-    def identified() -> Path:
+    def identified() -> str:
         identify_run([run], **(settings or {}))
-        return CampaignFolder(run).fit
+        return str(CampaignFolder(run).fit.resolve())
 
     fit, error = (None, None) if settings is None else _made(identified)
-    report, report_error = _made(lambda: write_report(run))
-    return {"fit": fit, "report": report, "error": error, "report_error": report_error}
+    specimen = _specimen(run)
+    report, report_error = _made(lambda: str(write_report(run).resolve()))
+    return {"fit": fit, "report": report, "error": error, "report_error": report_error, "specimen": specimen}
 
 
-def _made(make: Callable[[], Path]) -> tuple[str | None, str | None]:
-    """The path of what was made, or why it could not be: a message, or the traceback of an unexpected error."""
+def _specimen(run: Path) -> dict[str, Any] | None:
+    """The verdict on the specimen, also written to the run; None if the matrix has no acceptance bands."""
+    # loads numba and numpy: not needed for the help
+    from rig.comparison.specimen import specimen_result, untested, write_specimen
+    from rig.matrix.acceptance_table import has_acceptance
+    from rig.recording.run import Run
+
+    if not has_acceptance(run):
+        return None
+    evaluated, error = _made(lambda: specimen_result(Run.open(run)))
+    result = evaluated or untested(run, error or "the run has no acceptance bands")
+    with contextlib.suppress(OSError):  # the answer carries it
+        write_specimen(run, result)
+    return result.to_json()
+
+
+def _made(make: Callable[[], Made]) -> tuple[Made | None, str | None]:
+    """What was made, or why it could not be: a message, or the traceback of an unexpected error."""
     try:
-        return str(make().resolve()), None
+        return make(), None
     except (RigError, OSError) as error:
         return None, str(error)
     except Exception:  # noqa: BLE001 - the last stop of this process: the answer carries the traceback

@@ -9,7 +9,7 @@ import click
 
 from rig.cli.options import Command, RunPath, json_option, scheduler_option
 from rig.cli.output import console, say, show, shown_path, write_json, write_pdf
-from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
+from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED, FileProblem
 from rig.jobs.choice import workers_for
 from rig.recording.atomic_write import write_text_durably
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         "rig compare logs/BEFORE logs/AFTER",
         "rig compare logs/20260102T030405Z-MR-001-ab12cd --bands examples/acceptance-bands.toml",
         "rig compare logs/BEFORE logs/AFTER --bands examples/acceptance-bands.toml --out comparison.html --pdf",
+        "rig compare logs/GOLDEN --make-bands bands.toml --tolerance '5 %'",
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=RunPath(), metavar="RUN...")
@@ -32,6 +33,19 @@ if TYPE_CHECKING:
     help="File of acceptance bands. Each value is shown as PASS or FAIL, with its margin; the exit code is 8 if any "
          "value fails.",
 )  # fmt: skip
+@click.option(
+    "--make-bands", "bands_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="Write an acceptance bands file from golden runs: the mean value of the runs with --tolerance.",
+)
+@click.option(
+    "--tolerance", "tolerances", multiple=True, metavar="[QUANTITY=]VALUE",
+    help="With --make-bands: half the width of each band, for example '5 %', or of one quantity: 'energy=2 J'. Can be "
+         "specified repeatedly.",
+)  # fmt: skip
+@click.option(
+    "--of-fit", "fitted", is_flag=True,
+    help="With --make-bands: use the forces of each run's fitted model instead of the measured forces.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Write the comparison to this HTML file.")
 @click.option(
     "--pdf", "on_paper", is_flag=True,
@@ -42,16 +56,21 @@ if TYPE_CHECKING:
 @scheduler_option
 @json_option
 def command(
-    runs: tuple[Path, ...], bands: Path | None, out: Path | None, on_paper: bool, everything: bool,
-    scheduler: str | None, as_json: bool,
+    runs: tuple[Path, ...], bands: Path | None, bands_file: Path | None, tolerances: tuple[str, ...], fitted: bool,
+    out: Path | None, on_paper: bool, everything: bool, scheduler: str | None, as_json: bool,
 ) -> int:  # fmt: skip
     """Compare each recorded RUN with the first, and check all of them against acceptance bands.
 
     Use this command to compare a damper before and after an endurance test, to compare two specimens, or to check one
     specimen against its tolerances. Only valid points are used. Motions tested in both runs are compared in terms of
     force at peak velocity, energy, damping and dynamic range; fits are compared in terms of their parameters. With
-    --bands, more than 12 runs (up to 1,000) are listed with their verdicts.
+    --bands, more than 12 runs (up to 1,000) are listed with their verdicts. With --make-bands, the acceptance bands
+    are made from golden runs instead.
     """
+    if bands_file is not None:
+        other = bands is not None or out is not None or on_paper or everything
+        return _make_bands(runs, bands_file, tolerances, fitted=fitted, other=other, as_json=as_json)
+    _refuse_without_file(tolerances, fitted=fitted)
     # loads numpy and pydantic: not needed for the help
     from rig.comparison import compare
     from rig.comparison.differences import MOST_RUNS
@@ -73,6 +92,51 @@ def command(
             say(shown_path(Path(page)))
     accepted = compared.judgement is None or compared.judgement.passed
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
+
+
+def _make_bands(
+    runs: tuple[Path, ...], file: Path, tolerances: tuple[str, ...], *, fitted: bool, other: bool, as_json: bool
+) -> int:
+    """Write a bands file from golden runs.
+
+    Raises:
+        UsageError: the options contradict each other.
+        FileProblem: the file exists or cannot be written.
+        RigError: the runs contain no values for bands.
+    """
+    if other:
+        raise click.UsageError("--make-bands cannot be combined with --bands, --out, --pdf or --all")
+    if not tolerances:
+        raise click.UsageError("--make-bands requires a tolerance. Fix: add, for example, --tolerance '5 %'")
+    if file.exists():
+        raise FileProblem(str(file), ["the file already exists. Fix: specify another name"])
+    # loads numpy and pydantic: not needed for the help
+    from rig.comparison.master_curve import make_bands, tolerances_of
+    from rig.recording.run import Run
+
+    half_widths = tolerances_of(tolerances)
+    made = make_bands([Run.open(run) for run in runs], half_widths, fitted=fitted)
+    try:
+        write_text_durably(file, made.text)
+    except OSError as error:
+        raise FileProblem(str(file), [f"cannot be written: {error.strerror or error}"]) from error
+    if as_json:
+        write_json({"bands_file": str(file.resolve()), "bands": made.count, "remarks": list(made.remarks)})
+        return EXIT_DONE
+    for remark in made.remarks:
+        say(f"remark: {remark}")
+    say(f"{made.count} band{'s' * (made.count > 1)} written to {shown_path(file)}. Check the limits before use.")
+    return EXIT_DONE
+
+
+def _refuse_without_file(tolerances: tuple[str, ...], *, fitted: bool) -> None:
+    """Refuse options of bands that are not made.
+
+    Raises:
+        UsageError: there is one.
+    """
+    if tolerances or fitted:
+        raise click.UsageError(f"{'--tolerance' if tolerances else '--of-fit'} requires --make-bands FILE")
 
 
 def _refuse_page(count: int, most: int) -> NoReturn:

@@ -9,14 +9,16 @@ from rig.comparison.acceptance import PERCENT, AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import MOST_RUNS, Comparison
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading, plain
+from rig.comparison.specimen import SpecimenResult
+from rig.comparison.words import NOTHING, SEVERITIES, SPECIMEN, margin_text, number_text, result_text, with_unit
 from rig.display import Display, Shown
 from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, Row, table
 from rig.document.numbers import MINUS, known_digits
 from rig.document.terminal import Line, lines
 from rig.document.words import FAIR, GOOD, POOR
 
-SEVERITIES = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
-NOTHING = "-"
+STATES = (State.FAILED, State.UNSURE, State.MISSING, State.PASSED)
+"""In the order in which values are shown."""
 
 
 def comparison_lines(compared: Comparison, width: int, *, everything: bool) -> Iterator[Line]:
@@ -52,7 +54,7 @@ def _checked_runs(compared: Comparison) -> Blocks:
         results = by_run[run.name]
         bad = [result for result in results if result.state != State.PASSED]
         nearest = min(results, key=lambda result: _or_infinite(result.margin_percent), default=None)
-        margin = NOTHING if nearest is None or math.isnan(nearest.value) else _margin(nearest, compared.display)
+        margin = NOTHING if nearest is None or math.isnan(nearest.value) else margin_text(nearest, compared.display)
         title = NOTHING if nearest is None else nearest.title
         verdict, level = ("PASS", GOOD) if results and not bad else ("FAIL", POOR)
         rows.append(Row((run.name, run.specimen or "-", verdict, f"{len(bad)}/{len(results)}", title, margin), level))
@@ -74,57 +76,42 @@ def _acceptance(acceptance: AcceptanceResult, display: Display, *, several: bool
     total, bad = len(acceptance.results), acceptance.not_passed
     if acceptance.passed:
         least = min(acceptance.results, key=lambda result: _or_infinite(result.margin_percent))
-        stated = f"PASS against {acceptance.bands.name}: all {total} values within their bands; smallest margin: "
-        verdict = Note(GOOD, stated + f"{least.title}, {_margin(least, display)}")
+        stated = f"PASS against {acceptance.name}: all {total} values within their bands; smallest margin: "
+        verdict = Note(GOOD, stated + f"{least.title}, {margin_text(least, display)}")
     else:
         kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
                  if (count := sum(result.state == state for result in bad))]  # fmt: skip
         verdict = Note(
             POOR,
-            f"FAIL against {acceptance.bands.name}: {len(bad)} of {total} values did not pass ({', '.join(kinds)})",
+            f"FAIL against {acceptance.name}: {len(bad)} of {total} values did not pass ({', '.join(kinds)})",
         )  # fmt: skip
     shown = acceptance.results if everything else bad
-    notes = [Note(SEVERITIES[result.state], _result(result, display, several=several)) for result in shown]
-    blocks: Blocks = [verdict, *notes]
+    blocks: Blocks = [verdict, *(value_note(result, display, several=several) for result in shown)]
     if not everything and len(bad) < total:
         blocks.append(Paragraph(f"{total - len(bad)} passed; use --all to show every value"))
     return [*blocks, Paragraph("")]
 
 
-def _result(result: Result, display: Display, *, several: bool) -> str:
+def value_note(result: Result, display: Display, *, several: bool = False) -> Note:
     """One value on a line of its own."""
-    shown = result.shown(display)
-    text = f"{result.state.upper()}  {result.title} at {result.location(display)}"
-    if several:
-        text += f" in {result.run}"
-    value = _why(result) if math.isnan(result.value) else _with(_number(shown.signed(result.value)), shown.unit)
-    text += f": {value}, allowed {band_words(result, shown)}"
-    if math.isfinite(result.value):
-        text += f", margin {_margin(result, display)}"
-        text += f", +-{_number(shown.value(result.expanded), 2)}" if math.isfinite(result.expanded) else ""
-        text += f"; {result.why}" if result.why else ""
-    return text + (f" [{result.note}]" if result.note else "")
+    text = f"{result.state.upper()}  {result_text(result, display, several=several)}"
+    return Note(SEVERITIES[result.state], text)
 
 
-def _why(result: Result) -> str:
-    return result.why or "not measured"
-
-
-def band_words(result: Result, shown: Shown) -> str:
-    """The band in words: "900 to 1100 N", "at least 5 N"."""
-    low, high = result.band(shown)
-    if low is None:
-        return f"at most {_with(_number(high), shown.unit)}"
-    if high is None:
-        return f"at least {_with(_number(low), shown.unit)}"
-    return f"{_number(low)} to {_with(_number(high), shown.unit)}"
-
-
-def _margin(result: Result, display: Display) -> str:
-    shown = result.shown(display)
-    text = _with(_number(shown.value(result.margin), 3), shown.unit)
-    share = result.margin_percent
-    return text if math.isnan(share) or result.unit == "%" else f"{text} ({_number(share, 3)} %)"
+def specimen_blocks(specimen: SpecimenResult, display: Display) -> Blocks:
+    """The verdict on the specimen, and every value that did not pass."""
+    title, severity = SPECIMEN[specimen.verdict]
+    name = f"Specimen {specimen.serial_number}" if specimen.serial_number else "Specimen"
+    acceptance = specimen.acceptance
+    if acceptance is None:
+        return [Note(severity, f"{name}: {title}: {specimen.reason}")]
+    total, bad = len(acceptance.results), acceptance.not_passed
+    if not bad:
+        detail = f"all {total} values passed; smallest margin: {specimen.reason}"
+    else:
+        detail = f"{len(bad)} of {total} values did not pass"
+    verdict = Note(severity, f"{name}: {title} against {acceptance.name} ({acceptance.decision}): {detail}")
+    return [verdict, *(value_note(result, display) for result in sorted(bad, key=lambda one: STATES.index(one.state)))]
 
 
 CHECKED = (
@@ -177,7 +164,7 @@ def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
 
 
 def _cells(readings: Sequence[Reading], changed: Change, shown: Shown) -> tuple[str, ...]:
-    return shown.unit or NOTHING, *(_number(shown.signed(one.value)) for one in readings), *_change(changed, shown)
+    return shown.unit or NOTHING, *(number_text(shown.signed(one.value)) for one in readings), *_change(changed, shown)
 
 
 def _change(changed: Change, shown: Shown) -> tuple[str, str]:
@@ -188,27 +175,16 @@ def _change(changed: Change, shown: Shown) -> tuple[str, str]:
     )
     expanded = COVERAGE * std
     if not math.isfinite(value) or not expanded > 0.0:  # also where the uncertainty is not known
-        return _signed(value, unit), _with(_number(expanded, 2), unit)
+        return _signed(value, unit), with_unit(number_text(expanded, 2), unit)
     digits, uncertain = (known_digits(one, expanded).replace(MINUS, "-") for one in (value, expanded))
-    return _with(digits if digits.startswith("-") else f"+{digits}", unit), _with(uncertain, unit)
-
-
-def _with(shown: str, unit: str) -> str:
-    return shown if shown == NOTHING else f"{shown} {unit}".rstrip()
+    return with_unit(digits if digits.startswith("-") else f"+{digits}", unit), with_unit(uncertain, unit)
 
 
 def _or_infinite(value: float) -> float:
     return value if math.isfinite(value) else math.inf
 
 
-def _number(value: float | None, digits: int = 4) -> str:
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    shown = f"{value + 0.0:.{digits}g}"  # + 0.0: no minus zero
-    return f"{value:.0f}" if "e" in shown and 1.0 <= abs(value) < 1e7 else shown
-
-
 def _signed(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return NOTHING
-    return _with("0" if value == 0.0 else f"{value:+.3g}", unit)
+    return with_unit("0" if value == 0.0 else f"{value:+.3g}", unit)

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,8 @@ from rig.campaign.campaign import run_campaign
 from rig.cli.junit import JUnitDisplay, JUnitReport
 from rig.cli.output import status_line
 from rig.cli.words import error_words
-from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID, FileProblem
+from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ACCEPTED, EXIT_NOT_ALL_VALID, FileProblem
+from rig.matrix.acceptance_table import has_acceptance
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from rig.campaign.results import CampaignOptions, CampaignResult
     from rig.characteristics.force_table import ForceTable
     from rig.cli.page import RunLink
+    from rig.comparison.specimen import SpecimenResult
     from rig.matrix.sections import Identify
 
 
@@ -35,7 +37,8 @@ if TYPE_CHECKING:
 class JobResult:
     """A campaign's result and what was made of it; `fit` and `report` are None when there is none.
 
-    `error` says why there is no fit, `report_error` why there is no report, though they were wanted.
+    `error` says why there is no fit, `report_error` why there is no report, though they were wanted. `specimen` is the
+    verdict on the specimen; None if the matrix has no acceptance bands.
     """
 
     campaign: CampaignResult
@@ -43,13 +46,16 @@ class JobResult:
     report: Path | None = None
     error: str | None = None
     report_error: str | None = None
+    specimen: SpecimenResult | None = None
 
     @property
     def exit_code(self) -> int:
-        """The campaign's own code first (7, 3, 4, 5), then 6 when a fit was wanted and there is none."""
+        """The campaign's own code first (7, 3, 4, 5), 6 for a missing fit, 8 for a specimen that is not `ok`."""
         if self.campaign.exit_code != EXIT_DONE:
             return self.campaign.exit_code
-        return EXIT_DONE if self.error is None else EXIT_IDENTIFICATION
+        if self.error is not None:
+            return EXIT_IDENTIFICATION
+        return EXIT_DONE if self.specimen is None or self.specimen.verdict == "ok" else EXIT_NOT_ACCEPTED
 
     @property
     def force_tables(self) -> tuple[ForceTable, ...]:
@@ -63,6 +69,7 @@ class JobResult:
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig run --json`."""
+        acceptance = None if self.specimen is None else self.specimen.acceptance
         error = {"error": error_words(self.campaign)} if self.campaign.detail else {}
         return {
             **self.campaign.to_json(),
@@ -72,6 +79,9 @@ class JobResult:
             "report": None if self.report is None else str(self.report),
             "identification_error": self.error,
             "report_error": self.report_error,
+            "specimen": None if self.specimen is None else str(self.specimen.verdict),
+            "specimen_reason": None if self.specimen is None else self.specimen.reason,
+            "acceptance": None if acceptance is None else acceptance.to_json(),
         }
 
 
@@ -171,7 +181,10 @@ def run_job(
             live.ended(result)
         recorded = [point for point in result.points if point.file is not None]
         if not recorded:
-            return JobResult(result)
+            specimen = _untested(result.campaign, result.detail)
+            if live is not None:
+                live.evaluated(specimen)
+            return JobResult(result, specimen=specimen)
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
         with status_line(console, "identifying the damper and writing the report"):
@@ -181,4 +194,25 @@ def run_job(
             text = f"warning: the report could not be written: {answer['report_error']}"
             console.print(text, style="yellow", markup=False)
     paths = {key: None if answer[key] is None else Path(answer[key]) for key in ("fit", "report")}
-    return JobResult(result, paths["fit"], paths["report"], answer["error"], answer["report_error"])
+    specimen = _specimen(result.campaign, answer)
+    if live is not None:
+        live.evaluated(specimen)
+    return JobResult(result, paths["fit"], paths["report"], answer["error"], answer["report_error"], specimen)
+
+
+def _specimen(run: Path, answer: Mapping[str, Any]) -> SpecimenResult | None:
+    """The verdict on the specimen in the answer of the analyst."""
+    from rig.comparison.specimen import SpecimenResult  # loads numba: only after a run
+
+    if "specimen" not in answer:
+        return _untested(run, str(answer["report_error"]))
+    return None if answer["specimen"] is None else SpecimenResult.from_json(answer["specimen"])
+
+
+def _untested(run: Path, reason: str) -> SpecimenResult | None:
+    """The verdict on a specimen that could not be evaluated; None if the matrix has no acceptance bands."""
+    if not has_acceptance(run):
+        return None
+    from rig.comparison.specimen import untested  # loads numba: only where there are bands
+
+    return untested(run, reason or "no point was recorded")

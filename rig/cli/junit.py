@@ -27,6 +27,7 @@ from rig.recording.atomic_write import write_durably
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, Display, PointResult
     from rig.check.finding import CheckReport, DeviceReport
+    from rig.comparison.specimen import SpecimenResult
     from rig.matrix.plan import Plan
     from rig.test_point import TestPoint
 
@@ -285,6 +286,17 @@ def take_campaign(report: JUnitReport, result: CampaignResult, identified: tuple
         text = error or "not run" * skipped
         report.cases["identification"] = Case("identification", outcome, "identification" * (not skipped), text)
     report.complete()  # the page may stay open for hours
+
+
+def take_specimen(report: JUnitReport, specimen: SpecimenResult | None) -> None:
+    """Put the verdict on the specimen into the report; nothing if the matrix has no acceptance bands."""
+    if specimen is None:
+        return
+    outcomes = {"ok": Outcome.PASSED, "not-ok": Outcome.FAILURE, "not-tested": Outcome.ERROR}
+    outcome, passed = outcomes[str(specimen.verdict)], specimen.verdict == "ok"
+    kind, text = ("", "") if passed else (str(specimen.verdict), specimen.reason)
+    report.cases["specimen"] = Case(f"specimen {specimen.serial_number}".rstrip(), outcome, kind, text)
+    report.complete()
 
 
 def take_check(report: JUnitReport, check: CheckReport) -> None:

@@ -21,7 +21,10 @@ from rig.page.started import PageProcess
 if TYPE_CHECKING:
     from rig.campaign.live_link import LiveLink
     from rig.campaign.results import CampaignResult
+    from rig.comparison.specimen import SpecimenResult
 
+EVALUATING = "evaluating"
+"""State of a specimen between the end of the motion and its verdict."""
 GONE = "sigterm"
 """What stopped a campaign whose terminal was closed, or whose program was told to end."""
 
@@ -109,9 +112,17 @@ class RunLink:
         """Show how the campaign ended."""
         # loads numpy and pyserial: not needed for the help
         from rig.cli.words import ending
+        from rig.matrix.acceptance_table import has_acceptance
 
         if self.link is not None:
             self.link.display.ended(result, [text for _, text in ending(result)])
+            if has_acceptance(result.campaign):
+                self.link.display.specimen({"verdict": EVALUATING, "reason": ""})
+
+    def evaluated(self, specimen: SpecimenResult | None) -> None:
+        """Show the verdict on the specimen, if there is one."""
+        if self.link is not None and specimen is not None:
+            self.link.display.specimen({"verdict": str(specimen.verdict), "reason": specimen.reason})
 
 
 @contextmanager

@@ -29,12 +29,13 @@ def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
     """
     # loads numpy and pyserial: not needed for the help
     from rig.campaign.setup import check_requirements
-    from rig.cli.analysis_check import check_analysis
+    from rig.cli.analysis_check import check_analysis, check_specimen
     from rig.matrix.model import load_files
     from rig.matrix.plan import plan
 
     tests, loaded = load_files(matrix, bench)
     check_analysis(matrix, tests)
+    check_specimen(matrix, tests)
     check_requirements(loaded, tests)
     overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
     result = plan(tests, loaded)

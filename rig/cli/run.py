@@ -12,7 +12,7 @@ import click
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
-from rig.cli.junit import junit_option, junit_report, take_campaign
+from rig.cli.junit import junit_option, junit_report, take_campaign, take_specimen
 from rig.cli.options import Command, ResumedRun, json_option, out_option
 from rig.cli.output import console, show, shown_path, write_json
 from rig.cli.page import live_link, page_options, page_settings
@@ -119,7 +119,7 @@ def command(
         # loads numpy and pyserial: not needed for the help
         from rig.campaign.results import CampaignOptions
         from rig.campaign.setup import plan_digest, same_plan
-        from rig.cli.analysis_check import check_analysis
+        from rig.cli.analysis_check import check_analysis, check_specimen
         from rig.cli.job import run_job
         from rig.matrix.model import load_files, load_matrix
 
@@ -134,6 +134,7 @@ def command(
         simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
         with files:
             bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
+            check_specimen(path, tests, fitted=not no_identify)
         identify = tests.identify
         if not no_identify:
             check_analysis(path, tests)
@@ -156,6 +157,7 @@ def command(
         with live_link(settings, held=hold, operated=operated) as live:
             result = run_job(options, wanted, shown, live, report)
             take_campaign(report, result.campaign, None if wanted is None else (result.fit is not None, result.error))
+            take_specimen(report, result.specimen)
             _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
             if stay:
                 _stay(live, result)
@@ -361,6 +363,12 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
         shown.print(line)
     for style, text in ending(campaign):
         shown.print(Text(text, style=style), soft_wrap=True)
+    if result.specimen is not None:
+        # loads numpy: not needed for the help
+        from rig.cli.comparison_tables import specimen_blocks
+        from rig.files.run_display import run_display
+
+        show(specimen_blocks(result.specimen, run_display(campaign.campaign)), shown)
     if fit_error is not None:
         shown.print(Text(fit_error))
     if result.error is not None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -13,8 +13,14 @@ from rig.comparison.changes import Change, Transfer, change, transfer
 from rig.comparison.readings import QUANTITIES, LoopReading, Motion, Reading, RunReadings, plain
 from rig.display import Display, Shown
 from rig.errors import FileProblem
+from rig.matrix.acceptance_table import Decision
+from rig.signals.test_set import MotionReading
 
 PERCENT = "%"
+FIT = "fit"
+"""Where a fitted parameter was found."""
+MOTION = ("waveform", "amplitude_m", "frequency_Hz", "current_A")
+"""Attributes of a motion in the JSON."""
 
 
 class State(StrEnum):
@@ -42,7 +48,7 @@ class Result:
         state: pass, fail, unsure or missing.
         why: what is missing or unsure.
         note: the band's.
-        motion: that of `where`; None where no test fits. It is not in the JSON.
+        motion: that of `where`; None where no test fits.
     """
 
     quantity: str
@@ -100,19 +106,36 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Every attribute and the margins; null where there is no number."""
+        motion = None if self.motion is None else {name: getattr(self.motion, name) for name in MOTION}
         entry = {**vars(self), "points": list(self.points), "state": str(self.state), "margin": self.margin,
-                 "margin_percent": self.margin_percent}  # fmt: skip
+                 "margin_percent": self.margin_percent, "motion": motion}  # fmt: skip
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in entry.items() if name != "motion"
+            for name, value in entry.items()
         }
+
+    @classmethod
+    def from_json(cls, entry: Mapping[str, Any]) -> Result:
+        """The result that `to_json` wrote.
+
+        Raises:
+            LookupError: an attribute is missing.
+            TypeError, ValueError: a value is not of its type.
+        """
+        kept = {name: entry[name] for name in cls.__dataclass_fields__}
+        kept |= {name: math.nan if kept[name] is None else float(kept[name]) for name in ("value", "expanded")}
+        if (motion := kept["motion"]) is not None:
+            read = MotionReading(*(motion[name] for name in MOTION[:3]))
+            kept["motion"] = Motion.of(read, None, motion["current_A"])
+        return cls(**kept | {"points": tuple(kept["points"]), "state": State(kept["state"])})
 
 
 @dataclass(frozen=True)
 class AcceptanceResult:
-    """All results, by band and run."""
+    """All results, by band and run; `name` and `decision` are those of the bands."""
 
-    bands: Bands
+    name: str
+    decision: Decision
     results: tuple[Result, ...]
 
     @property
@@ -128,9 +151,14 @@ class AcceptanceResult:
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
         return {
-            "name": self.bands.name, "decision": self.bands.decision, "passed": self.passed,
+            "name": self.name, "decision": self.decision, "passed": self.passed,
             "results": [result.to_json() for result in self.results],
         }  # fmt: skip
+
+    @classmethod
+    def from_json(cls, entry: Mapping[str, Any]) -> AcceptanceResult:
+        """The results that `to_json` wrote; raises as `Result.from_json`."""
+        return cls(entry["name"], entry["decision"], tuple(map(Result.from_json, entry["results"])))
 
 
 def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> AcceptanceResult:
@@ -159,7 +187,7 @@ def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> 
             if band.most_change is not None and index > 0:
                 values += _missing(key, band, run, runs[0])
                 results += [_changed(bands, band, run, value, runs[0], key) for value in values]
-    return AcceptanceResult(bands, tuple(results))
+    return AcceptanceResult(bands.name, bands.decision, tuple(results))
 
 
 @dataclass(frozen=True)
@@ -238,8 +266,8 @@ def _parameter(band: ParameterBand, run: RunReadings) -> _Value:
     fitted = run.parameters.get(band.name)
     if fitted is None:
         why = f"the fitted model {run.model} has no such parameter" if run.model else "the run has no fit"
-        return _Value(band.name, band.unit, "fit", NONE, why=why)
-    return _Value(band.name, band.unit, "fit", fitted.reading if not fitted.why else NONE, why=fitted.why)
+        return _Value(band.name, band.unit, FIT, NONE, why=why)
+    return _Value(band.name, band.unit, FIT, fitted.reading if not fitted.why else NONE, why=fitted.why)
 
 
 def _result(bands: Bands, band: Band, run: RunReadings, value: _Value) -> Result:
@@ -287,15 +315,23 @@ def _before(band: Band, value: _Value, first: RunReadings, key: str) -> Reading 
 
 
 def _evaluated(result: Result, bands: Bands, *, complete: bool) -> Result:
-    """The result with its state."""
+    """The result with its state, by the decision rule (ISO 14253-1, JCGM 106:2012 section 8.3).
+
+    Guarded acceptance leaves the limits' inner margin of one expanded uncertainty undecided. Guarded rejection accepts
+    the outer margin: that the value violates its limit is not proved there.
+    """
     if result.why or not math.isfinite(result.value):
         return result
     state, why = (State.PASSED if result.margin >= 0.0 else State.FAILED), ""
-    if bands.decision == "guarded" and state == State.PASSED:
+    guarded = {"guarded": State.PASSED, "guarded-acceptance": State.PASSED, "guarded-rejection": State.FAILED}
+    if state == guarded.get(bands.decision):
         if not complete:
             state, why = State.UNSURE, (
                 "the uncertainty of this value is not fully known (variation between cycles or sensor calibration)"
             )
-        elif result.margin < result.expanded:
-            state, why = State.UNSURE, "the margin is smaller than the expanded uncertainty"
-    return Result(**{**vars(result), "state": state, "why": why})
+        elif abs(result.margin) < result.expanded:
+            state, why = (
+                (State.UNSURE, "the margin is smaller than the expanded uncertainty") if state == State.PASSED
+                else (State.PASSED, "outside the limits by less than the expanded uncertainty")
+            )
+    return replace(result, state=state, why=why)

@@ -13,6 +13,7 @@ from rig.comparison.readings import QUANTITIES, LoopReading
 from rig.files.loader import load_section
 from rig.files.quantity import Quantity
 from rig.files.section import Section
+from rig.matrix.acceptance_table import DECISION, Decision
 
 Change = Annotated[float, Quantity("ratio", "0 %", "1000 %", above=True)]
 Ratio = Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -143,10 +144,7 @@ class Bands(Section):
 
     format: Literal[1]
     name: str = Field(min_length=1, max_length=120, description="text shown in the results, such as the drawing number")
-    decision: Literal["simple", "guarded"] = Field(
-        default="simple",
-        description="guarded: passes only if the margin exceeds the expanded uncertainty (ISO 14253-1)",
-    )
+    decision: Decision = DECISION
     rebound_force: tuple[ReboundForce, ...] = ()
     jounce_force: tuple[JounceForce, ...] = ()
     energy: tuple[Energy, ...] = ()

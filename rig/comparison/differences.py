@@ -282,7 +282,7 @@ def compare(
         raise RigError(f"got {len(runs)} runs, expected at most {most}{more}")
     read = _read(runs, workers)
     acceptance = None if limits is None else evaluate(limits, read, str(bands))
-    return Comparison(read, _rows(read), acceptance)
+    return Comparison(read, motion_rows(read), acceptance)
 
 
 def _read(runs: Sequence[Path | str | Run], workers: Workers) -> tuple[RunReadings, ...]:
@@ -304,7 +304,7 @@ def _readings_at(path: Path) -> RunReadings:
     return replace(readings, run=replace(readings.run, points=points))
 
 
-def _rows(runs: Sequence[RunReadings]) -> tuple[MotionRow, ...]:
+def motion_rows(runs: Sequence[RunReadings]) -> tuple[MotionRow, ...]:
     """Every motion of any run once, in the order of current, waveform and speed."""
     motions: list[Motion] = []
     for run in runs:

@@ -248,13 +248,17 @@ class RunReadings:
         return min(there, key=lambda loop: loop.motion.apart_from(motion), default=None)
 
 
-def readings_of(run: Run) -> RunReadings:
+def readings_of(run: Run, characteristics: Characteristics | None = None) -> RunReadings:
     """Everything a run can be compared by. Points that are not valid are left out and named.
+
+    Args:
+        run: the run.
+        characteristics: of the run, if they are known already.
 
     Raises:
         FileProblem: its `fit.json` is no fit.
     """
-    characteristics = characterise(run)
+    characteristics = characterise(run) if characteristics is None else characteristics
     points = {point.id: point for point in run.valid}
     model, parameters = fitted_of(run)
     first = next(iter(run.points))

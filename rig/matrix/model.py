@@ -24,6 +24,7 @@ from rig.files.display_table import DisplayTable
 from rig.files.loader import WrongKind, load_section
 from rig.files.section import Section
 from rig.matrix import named_files
+from rig.matrix.acceptance_table import AcceptanceTable
 from rig.matrix.forecast import forecaster
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.order_by_heat import by_heat
@@ -58,6 +59,7 @@ class Matrix(Section):
     current_step: tuple[CurrentStep, ...] = ()
     hybrid: HybridTable | None = None
     temperature: Temperature | None = None
+    acceptance: AcceptanceTable | None = None
     identify: Identify = Field(default_factory=Identify)
     campaign: Campaign = Field(default_factory=Campaign)
     display: DisplayTable = Field(default_factory=DisplayTable)
@@ -104,9 +106,10 @@ class Matrix(Section):
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of specimen and points; what is identified afterwards does not count.
+        """SHA-256 (hex) of specimen, points and acceptance bands; what is identified afterwards does not count.
 
-        A file that is named counts by its content, not by its path.
+        A file that is named counts by its content, not by its path. Bands count, so that a campaign that is resumed
+        has the same limits.
         """
         return self._digest(frozenset())
 
@@ -125,10 +128,13 @@ class Matrix(Section):
         """The digest without these entries of a hybrid test."""
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
         apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "sweep": unused}
+        apart |= {"acceptance": True} if self.acceptance is None else {}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():
                 text = text.replace(json.dumps(written, ensure_ascii=False), json.dumps(digest))
+        if self.acceptance is not None:
+            text = text.replace(json.dumps(self.acceptance.bands, ensure_ascii=False), f'"{self.acceptance.sha256}"')
         if (assumed := self.specimen.assumed) is not None:  # of a set, the key is the name itself
             text = text.replace(json.dumps(self.specimen.prior, ensure_ascii=False), json.dumps(assumed.key))
         return hashlib.sha256(text.encode()).hexdigest()

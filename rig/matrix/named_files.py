@@ -1,4 +1,4 @@
-"""Files that a matrix file names (roads, records, a fit): located, hashed by content, copied to the campaign."""
+"""Files that a matrix file names (roads, records, a fit, bands): located, hashed by content, copied to the campaign."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from rig.vehicle.road_file import road_names
 MOST_BYTES = 262_144
 Place = tuple[str, ...]
 ROAD, RECORD, PRIOR = ("matrix", "road", "road"), ("matrix", "file", "file"), ("specimen", "prior")
-LOGO = ("report", "logo")
-PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR, LOGO)
+LOGO, BANDS = ("report", "logo"), ("acceptance", "bands")
+PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR, LOGO, BANDS)
 """Entries that may name files."""
-SINGLE = frozenset({PRIOR, LOGO})
+SINGLE = frozenset({PRIOR, LOGO, BANDS})
 """Those that name one file and not a list of them."""
 NESTED = ("profile", "drive")
 """Tables of a road file that name a CSV file beside it."""
@@ -40,7 +40,7 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def named(data: Mapping[str, Any]) -> dict[Place, tuple[str, ...]]:
-    """Files named by `[matrix.road]`, `[matrix.file]`, `[specimen] prior` and `[report] logo`, by their entry."""
+    """Files that the entries of `PLACES` name, by their entry."""
     result = {}
     for place in PLACES:
         value = _entry(data, place)

@@ -33,6 +33,8 @@ KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
 PEAK_FORCES = ("peak_force_rebound_N", "peak_force_compression_N")
 REQUESTED = frozenset({"operator", "sigint", "sigterm"})
 """Codes of stops that were requested before the rig was connected: no refusals."""
+SPECIMEN_VERDICTS = ("ok", "not-ok", "not-tested")
+LONGEST_REASON = 600
 RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
 MOST_READ_BYTES = 1 << 27
@@ -56,6 +58,20 @@ class EndedRun:
         self._run = CampaignFolder(run)
         self._stamp: tuple[int, int] | None = None
         self._result: dict[str, Any] | None = None
+        self._specimen: tuple[tuple[int, int] | None, dict[str, str]] = None, {}
+
+    @property
+    def specimen(self) -> dict[str, str]:
+        """Verdict on the specimen: `verdict` and `reason`; empty without acceptance bands."""
+        file = self._run.acceptance
+        now = stamp(file)
+        if now != self._specimen[0]:
+            written = {} if now is None or file.is_symlink() else read_json(file)
+            verdict = written.get("specimen")
+            known = isinstance(verdict, str) and verdict in SPECIMEN_VERDICTS
+            reason = str(written.get("reason", ""))[:LONGEST_REASON]
+            self._specimen = now, {"verdict": str(verdict), "reason": reason} if known else {}
+        return self._specimen[1]
 
     @property
     def result(self) -> dict[str, Any]:

@@ -101,6 +101,8 @@ class History:
             "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
             "matrix": _text(described.get("matrix_file"), 120),
             "operator": _text(self._json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
+            "specimen_verdict": "" if running else self._ended[name].specimen.get("verdict", ""),
+            "specimen_reason": "" if running else _text(self._ended[name].specimen.get("reason"), LONGEST_TEXT),
             "rig_state": "" if running else _text(result.get("rig_state"), 20),
             "text": "" if running else _sentences(result.get("lines")),
             "report": not running and run.report.is_file() and not run.report.is_symlink(),

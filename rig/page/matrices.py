@@ -28,7 +28,10 @@ LINK = "is a symbolic link, which may point outside this folder. Fix: copy the m
 OTHER = "not a matrix file: it has no [specimen] table"
 READ_HERE_BYTES, READ_S, NICENESS = 100_000, 120.0, 10
 """Bytes read in this process (0.05 s); time limit and priority of the other process."""
-NO_MATRIX = frozenset({"limits", "actuator", "benchmark", "data", "body", "profile"})
+NO_MATRIX = frozenset({
+    "limits", "actuator", "benchmark", "data", "body", "profile", "rebound_force", "jounce_force", "energy", "damping",
+    "dynamic_range", "friction_force", "gas_force", "parameter",
+})
 """Tables of the other files of users."""
 
 

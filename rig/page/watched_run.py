@@ -137,6 +137,7 @@ class WatchedRun:
         ended = state.get("ended")
         if ended is None and self.ended is not None:
             ended = {key: value for key, value in self.ended.result.items() if key != "points"}
+            ended |= {"specimen": self.ended.specimen} if self.ended.specimen else {}
         if ended is None:
             return {"type": "state", "running": False}  # nothing has begun yet
         return {"type": "state", "phase": "ended", "kind": "ended", "ended": ended, "running": False}

@@ -122,6 +122,11 @@ class Run:
     NOWHERE: ClassVar[Path] = Path(os.devnull)
     """The folder of points that were made in memory."""
 
+    @property
+    def simulated(self) -> bool:
+        """Whether any of its points comes from the simulated rig."""
+        return bool(self.campaign.get("simulated")) or any(point.test.get("simulated") for point in self.points)
+
     def __len__(self) -> int:
         return len(self.points)
 

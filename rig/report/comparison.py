@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 from rig.comparison import Comparison
-from rig.comparison.acceptance import AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading, plain
@@ -16,7 +15,6 @@ from rig.document.blocks import (
     Blocks,
     Card,
     Cards,
-    Column,
     Contents,
     Cover,
     Document,
@@ -33,17 +31,16 @@ from rig.document.blocks import (
 )
 from rig.document.figure import Figure, Trace
 from rig.document.moments import local_time
-from rig.document.numbers import NOTHING, PLUS_MINUS, known_digits, number, with_uncertainty
+from rig.document.numbers import NOTHING, known_digits, number, with_uncertainty
 from rig.document.style import current_colour
-from rig.document.words import FAIR, GOOD, POOR, Key, Label, Severity, Strong, Words
+from rig.document.words import FAIR, GOOD, POOR, Key, Strong, Words
+from rig.report.acceptance import EXPANDED, bands_section
 from rig.report.cover import mark_of, started
 from rig.report.document import views_of
 from rig.report.loops import displacement_axis, displacement_of, force_axis, velocity_axis, velocity_of
 from rig.report.views import Loop
 
-SEVERITIES: dict[State, Severity] = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
 MOST_DRAWN = 24
-EXPANDED = f"{PLUS_MINUS} (95 %)"
 
 
 def comparison_page(compared: Comparison) -> str:
@@ -60,7 +57,7 @@ def comparison_document(compared: Comparison) -> Document:
         *(Note(FAIR, remark) for remark in compared.remarks),
     ]  # fmt: skip
     if compared.judgement is not None:
-        blocks += _bands(compared.judgement, compared.display, several=len(compared.runs) > 1)
+        blocks += bands_section(compared.judgement, compared.display, several=len(compared.runs) > 1)
     blocks += [*_loops(compared, names), *_changes(compared, names), *_parameters(compared, names)]
     mark = mark_of(run.run for run in compared.runs)
     return Document("Comparison of damper tests", with_contents(blocks), mark, compared.display.paper)
@@ -86,8 +83,8 @@ def _facts(compared: Comparison) -> Facts:
     if (acceptance := compared.judgement) is not None:
         bad = len(acceptance.not_passed)
         facts.append(
-            Fact("PASS", f"against {acceptance.bands.name}", GOOD) if acceptance.passed
-            else Fact("FAIL", f"against {acceptance.bands.name}: {bad} of {len(acceptance.results)} values", POOR)
+            Fact("PASS", f"against {acceptance.name}", GOOD) if acceptance.passed
+            else Fact("FAIL", f"against {acceptance.name}: {bad} of {len(acceptance.results)} values", POOR)
         )
         known = [result.margin_percent for result in acceptance.results if math.isfinite(result.margin_percent)]
         if known:
@@ -112,34 +109,6 @@ def _differing(compared: Comparison) -> list[Fact]:
         return []
     meaning = "values differ by more than their expanded uncertainty, last run relative to first run"
     return [Fact(f"{differ} of {total}", meaning, FAIR if differ else GOOD)]
-
-
-def _bands(acceptance: AcceptanceResult, display: Display, *, several: bool) -> Blocks:
-    ordered = sorted(acceptance.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
-    head: list[Head] = [
-        "Result", "Quantity", "Where", *(["Run"] if several else []), Column("Value", "", True),
-        Column(EXPANDED, "", True), Column("From", "", True), Column("To", "", True), "Unit",
-        Column("Margin", "", True), Column("Margin", "%", True), "Remark",
-    ]  # fmt: skip
-    decision = (
-        "A value passes only if the margin is at least its expanded uncertainty (ISO 14253-1)."
-        if acceptance.bands.decision == "guarded" else "The uncertainty does not affect the result."
-    )  # fmt: skip
-    note = f"Margin: distance to the nearest limit, negative outside the limits. {decision}"
-    rows = [_result(result, display, several=several) for result in ordered]
-    return [*section(f"Acceptance bands: {acceptance.bands.name}", note), table(head, rows)]
-
-
-def _result(result: Result, display: Display, *, several: bool) -> list[Words]:
-    shown = result.shown(display)
-    value, (low, high) = shown.signed(result.value), result.band(shown)
-    expanded, margin = shown.value(result.expanded), shown.value(result.margin)
-    remark = "; ".join(part for part in (result.why, result.note) if part)
-    return [
-        Label(str(result.state), SEVERITIES[result.state]), result.title, result.location(display),
-        *([result.run] if several else []), known_digits(value, expanded), known_digits(expanded, expanded),
-        number(low), number(high), shown.unit, known_digits(margin, expanded), number(result.margin_percent, 3), remark,
-    ]  # fmt: skip
 
 
 def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
@@ -258,7 +227,3 @@ def _reading(reading: Reading | None, shown: Shown) -> str:
     if reading is None:
         return NOTHING
     return with_uncertainty(shown.signed(reading.value), shown.value(reading.expanded))
-
-
-def _or_last(value: float) -> float:
-    return value if math.isfinite(value) else math.inf

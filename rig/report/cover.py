@@ -98,21 +98,16 @@ def started(run: Run) -> str:
     return next((str(stamp) for stamp in stamps if stamp), "")
 
 
-def simulated(run: Run) -> bool:
-    """Whether any of the run's points comes from the simulated rig."""
-    return bool(run.campaign.get("simulated")) or any(point.test.get("simulated") for point in run.points)
-
-
 SIMULATED = "SIMULATED: all values come from the simulated rig, not from a real damper"
 
 
 def mark_of(runs: Iterable[Run]) -> str:
     """What every page of a document about these runs must state; empty for runs on a test rig."""
     runs = list(runs)
-    count = sum(map(simulated, runs))
+    count = sum(run.simulated for run in runs)
     if not count or count == len(runs):
         return SIMULATED if count else ""
-    names = ", ".join(run.path.name for run in runs if simulated(run))
+    names = ", ".join(run.path.name for run in runs if run.simulated)
     return f"SIMULATED: the values of {names} come from the simulated rig, not from a real damper"
 
 
@@ -248,17 +243,13 @@ def _own_table(run: Run, written: object) -> tuple[ReportTable, Picture | None, 
 
 
 def _kept_logo(run: Run, name: str) -> Picture:
-    """The logo among the run's own copies: a run of somebody else names no file of this computer.
+    """The logo among the run's own copies.
 
     Raises:
         FileProblem: it is missing or no regular file.
         ValueError: it is no picture that is accepted.
     """
-    folder = CampaignFolder(run.path).records
-    file = folder / name.replace("\\", "/").rpartition("/")[2]
-    if folder.is_symlink() or file.is_symlink():
-        raise FileProblem(str(file), ["is a symbolic link; the logo must be a file in the run's folder"])
-    return picture_of(read_bytes(file, MOST_BYTES))
+    return picture_of(read_bytes(CampaignFolder(run.path).record(name), MOST_BYTES))
 
 
 def _typed(run: Run) -> Mapping[str, object]:

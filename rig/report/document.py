@@ -12,6 +12,7 @@ from typing import Any
 from rig.campaign_folder import CampaignFolder
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hybrid
+from rig.comparison.specimen import SpecimenResult, specimen_result, write_specimen
 from rig.display import Display
 from rig.document import html
 from rig.document.blocks import (
@@ -46,6 +47,7 @@ from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
 from rig.report import fit as fit_sections
 from rig.report import loops, standard
+from rig.report.acceptance import acceptance_section, specimen_fact, specimen_note
 from rig.report.budget import budget
 from rig.report.cover import Details as CoverDetails
 from rig.report.cover import conditions, cover, mark_of, matrix_tables
@@ -84,6 +86,7 @@ class Material:
         sensors: attributes of the calibrated channels, of the first point that was recorded here.
         details: title, people, logo and conditions, as far as they are known.
         display: the units and signs in which all is shown.
+        specimen: the verdict on the specimen; None if the matrix has no acceptance bands.
         terms: the terms in which the matrix states motions.
     """
 
@@ -97,6 +100,7 @@ class Material:
     sensors: Mapping[str, Mapping[str, Any]]
     details: CoverDetails
     display: Display
+    specimen: SpecimenResult | None = None
     terms: MotionTerms = AS_AMPLITUDE
 
     @classmethod
@@ -118,7 +122,8 @@ class Material:
             run, fit, completed_views(views, characteristics.loops, display, terms), remark, characteristics,
             hybrid_tests(run), read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
             {} if recorded is None else sensors_of(recorded),
-            CoverDetails.of(run, None if details is None else details.report), display, terms,
+            CoverDetails.of(run, None if details is None else details.report), display,
+            specimen_result(run, characteristics), terms,
         )  # fmt: skip
 
 
@@ -134,7 +139,7 @@ def report_of(of: Material) -> Document:
     blocks: Blocks = [*sheets, Contents(screen=False)]
     if measured.first:
         blocks += [*hybrid_section(of.hybrid, of.display), *signals_section(views)]
-    blocks += model_section(of)
+    blocks += [*acceptance_section(of.specimen, of.display), *model_section(of)]
     blocks += section("Appendix", "All results, and how they were obtained.")
     if measured.rest:
         blocks += [Heading("Loops of further motions"), *measured.keys, Cards(measured.rest, large=True)]
@@ -169,7 +174,7 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *unfinished(run, of.log or ()),
-            *warnings(run), facts_of(of),
+            *warnings(run), facts_of(of), *([] if of.specimen is None else [specimen_note(of.specimen)]),
             *peak_forces(of.characteristics.force_tables, of.display, of.terms, gas_force), *heading, *first,
         )),
         Sheet((
@@ -225,6 +230,8 @@ def written_report(run_dir: Path, details: DetailsFile | None = None) -> tuple[P
     run, document = material.run, report_of(material)
     if material.hybrid:
         write_hybrid(run, material.hybrid)
+    if material.specimen is not None:
+        write_specimen(run.path, material.specimen)
     numbers = json.dumps(material.characteristics.to_json(), indent=1, allow_nan=False)
     write_text_durably(CampaignFolder(run.path).characteristics, numbers + "\n")
     path = CampaignFolder(run.path).report
@@ -273,7 +280,8 @@ def facts_of(of: Material) -> Facts:
     planned = run.campaign.get("points")  # identifiers; of an import: its files, which may hold no test
     total = max(len(run.points), sum(isinstance(one, str) for one in planned) if isinstance(planned, list) else 0)
     severity = GOOD if valid == total else POOR if valid == 0 else FAIR
-    facts = [Fact(f"{valid} of {total}", "points valid", severity)]
+    facts = [] if of.specimen is None else [specimen_fact(of.specimen)]
+    facts.append(Fact(f"{valid} of {total}", "points valid", severity))
     facts += [
         Fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", severity)
         for verdict, severity in (("suspect", FAIR), ("invalid", POOR)) if _count(run, verdict)

@@ -58,6 +58,7 @@ function of_a_stop() { // until the campaign has ended, or moves again
 }
 
 function points_left() { return run && run.name && run.points.length > points_that_are("valid").length + points_that_are("suspect").length; }
+const SPECIMEN = { "ok": "OK", "not-ok": "NOT OK", "not-tested": "NOT TESTED", "evaluating": "being evaluated" };
 function of_the_end(ended, note) {
   const here = (line) => standing.bench ? line.replace(/rig run --resume .*$/, "Resume on the bench page") : line; // no terminal here
   const lines = (ended.lines || []).map(here).map((line) => /[.!?:;]$/.test(line) ? line : `${line}.`).join(" ");
@@ -66,8 +67,12 @@ function of_the_end(ended, note) {
   if (ended.cut_off) return ["bad", "✗", "INTERRUPTED", `The campaign ended without a result (process killed or power failure). Inspect the rig before you resume the campaign.${note}`];
   if (ended.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: inspect the rig before continuing. ${lines}${note}`];
   if (ended.stopped_by) return ["bad", "■", "STOPPED", (lines || ended.stopped_by) + note];
+  const specimen = ended.specimen && SPECIMEN[ended.specimen.verdict] ? ended.specimen : null;
+  if (specimen) note = `. Specimen ${SPECIMEN[specimen.verdict]}${specimen.reason ? `: ${specimen.reason}` : ""}${note}`;
   if (!(ended.valid >= ended.total)) return ["bad", "✗", "NOT OK", `${ended.valid} of ${ended.total} points valid. ${lines}${note}`];
   if (lines) return ["bad", "?", "CHECK", `All ${ended.total} points are valid, but: ${lines}${note}`];
+  if (specimen && specimen.verdict === "evaluating") return ["wait", "…", "EVALUATING", `All ${ended.total} points are valid; the specimen is being evaluated.`];
+  if (specimen && specimen.verdict !== "ok") return ["bad", specimen.verdict === "not-ok" ? "✗" : "?", SPECIMEN[specimen.verdict], `All ${ended.total} points valid${note}`];
   return ["good", "✓", "OK", `finished; all ${ended.total} points valid${note}`];
 }
 

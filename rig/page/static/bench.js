@@ -52,6 +52,7 @@ function opinion() {
   if (outcome.refused) return ["bad", "✗", "REFUSED", `${outcome.text} (${outcome.refused})`];
   return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No run on file yet."];
 }
+const SPECIMEN = { "ok": "OK", "not-ok": "NOT OK", "not-tested": "NOT TESTED" };
 function of_last(last) {
   const counts = `${last.valid} of ${last.total} points valid`, name = `Last run (${last.specimen || last.name})`;
   if (last.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: inspect the rig before continuing. ${last.text}`];
@@ -59,6 +60,8 @@ function of_last(last) {
   if (last.ended === "refused") return ["bad", "✗", "REFUSED", `${name}: ${last.text}`];
   if (last.ended === "stopped") return ["bad", "■", "STOPPED", `${name}: ${counts}. ${last.text}`];
   if (last.ended === "finished" && last.valid < last.total) return ["bad", "?", "CHECK", `${name}: ${counts}. ${last.text}`];
+  const verdict = SPECIMEN[last.specimen_verdict];
+  if (last.ended === "finished" && verdict) return [{ "ok": "good", "not-ok": "bad" }[last.specimen_verdict] || "wait", { "ok": "✓", "not-ok": "✗" }[last.specimen_verdict] || "?", verdict, `${name}: all ${last.total} points valid. Specimen ${verdict}: ${last.specimen_reason}`];
   return ["wait", "Ⅱ", "READY", last.ended === "finished" ? `${name}: all ${last.total} points valid.` : `${name}: ${last.ended}.`];
 }
 function judge() {
@@ -214,10 +217,10 @@ function show_history() {
   body.replaceChildren(); show_serial();
   if (!runs.length) { const cell = element("td", "No runs yet.", "none"); cell.colSpan = 6; const row = element("tr"); row.append(cell); body.append(row); }
   for (const run of runs) {
-    const row = element("tr"), good = run.ended === "finished" && run.valid === run.total, acts = element("td", undefined, "acts");
+    const row = element("tr"), good = run.ended === "finished" && run.valid === run.total && ["", "ok"].includes(run.specimen_verdict), acts = element("td", undefined, "acts");
     if (!good && !["running", "imported"].includes(run.ended)) row.className = "bad";
     const text = `${ENDINGS[run.ended] || run.ended}${run.slug ? `: ${run.slug}` : ""}${run.rig_state === "unknown" ? "; RIG STATE UNKNOWN" : ""}${run.resumed ? `; resumed${run.resumed > 1 ? ` ${run.resumed} times` : ""}` : ""}`;
-    const result = element("td"); result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), element("span", text)); if (run.text) result.append(element("div", run.text.length > 160 ? `${run.text.slice(0, 160)} …` : run.text, "small"));
+    const result = element("td"); result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), element("span", text)); for (const more of [run.text, SPECIMEN[run.specimen_verdict] ? `specimen ${SPECIMEN[run.specimen_verdict]}: ${run.specimen_reason}` : ""]) if (more) result.append(element("div", more.length > 160 ? `${more.slice(0, 160)} …` : more, "small"));
     const points = `${run.valid} of ${run.total} valid${run.suspect ? `, ${run.suspect} suspect` : ""}${run.invalid ? `, ${run.invalid} invalid` : ""}`;
     if (run.report) { const link = element("a", "Report"); link.href = report_of(run.name); link.target = "_blank"; link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name}`); acts.append(link); }
     if (standing.role === "operator") {

@@ -1,0 +1,276 @@
+"""Acceptance bands from golden runs: the mean of their values, or those of their fitted models, with a tolerance."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rig.characteristics import characterise
+from rig.comparison.bands import Bands
+from rig.comparison.differences import motion_rows
+from rig.comparison.readings import (
+    LOOP_QUANTITIES,
+    QUANTITIES,
+    SINGLE_QUANTITIES,
+    Motion,
+    Quantity,
+    Reading,
+    RunReadings,
+    readings_of,
+)
+from rig.comparison.words import number_text
+from rig.errors import RigError, evaluating
+from rig.files.loader import validated
+from rig.files.toml_source import SIZE_LIMIT_BYTES, parse_toml
+from rig.fits.fit_record import fit_in
+from rig.identification.application.law import Law
+from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import Measurement
+from rig.identification.points.preparation import prepare
+from rig.recording.quality.campaign_delay import pooled_skews
+from rig.recording.run import Run
+from rig.test_point import LOOP
+from rig.units import DIMENSIONS, UnitProblem, parse
+
+PARAMETER = "parameter"
+USUAL = ("rebound_force", "jounce_force", "energy", "friction_force", "gas_force")
+"""Quantities that a tolerance without a name applies to."""
+LARGEST_SHARE = 10.0
+MOST_NAMED = 3
+LONGEST_NAME = 120
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Half of the width of a band: a share of the value, or a constant (SI)."""
+
+    share: float = 0.0
+    constant: float = 0.0
+
+    def half_width(self, value: float) -> float:
+        """Half of the width of the band about a value (SI)."""
+        return self.share * abs(value) + self.constant
+
+
+def tolerances_of(texts: Sequence[str]) -> dict[str, Tolerance]:
+    """Tolerances by quantity: "5 %" for the usual ones, "energy = 2 J" for one.
+
+    Raises:
+        RigError: a quantity or a tolerance is not valid.
+    """
+    known = (*QUANTITIES, PARAMETER)
+    general, named = dict[str, Tolerance](), dict[str, Tolerance]()
+    for text in texts:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            general = dict.fromkeys(USUAL, _tolerance("ratio", key, text))
+        elif key not in known:
+            raise RigError(f"--tolerance {text!r}: unknown quantity {key}; known: {', '.join(known)}")
+        else:
+            named[key] = _tolerance(key, value, text)
+    return general | named
+
+
+def _tolerance(key: str, value: str, text: str) -> Tolerance:
+    """The tolerance of a quantity.
+
+    Raises:
+        RigError: it is not valid.
+    """
+    unit = "" if key in {"ratio", PARAMETER} else QUANTITIES[key].unit
+    dimension = next((one.name for one in DIMENSIONS.values() if one.si == unit and unit != "1"), "ratio")
+    try:
+        if value.endswith("%") or dimension == "ratio":
+            made = Tolerance(share=parse(value, "ratio"))
+        else:
+            made = Tolerance(constant=parse(value, dimension))
+    except UnitProblem as problem:
+        raise RigError(f"--tolerance {text!r}: {problem}. Fix: write, for example, --tolerance '5 %'") from problem
+    if not (made.share > 0.0 or made.constant > 0.0) or made.share > LARGEST_SHARE:
+        raise RigError(f"--tolerance {text!r}: expected more than 0 and at most {100.0 * LARGEST_SHARE:g} %")
+    return made
+
+
+@dataclass
+class _Bands:
+    """Bands as they are made."""
+
+    tables: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    narrow: list[str] = field(default_factory=list)
+
+    def add(self, key: str, where: str, entries: Sequence[str], readings: Sequence[Reading], names: Sequence[str],
+            tolerance: Tolerance, unit: str) -> None:  # fmt: skip
+        """A band about the mean of the readings of each run."""
+        values = [reading.value for reading in readings]
+        mean = math.fsum(values) / len(values)
+        if tolerance.share and not all(reading.significant for reading in readings):
+            example = f"{key}={number_text(max(abs(mean), 1.0), 2)} {unit}"
+            self.remarks.append(
+                f"{key} at {where}: no band, because {mean:.3g} {unit} is too near zero for a relative tolerance. "
+                f"Fix: specify a tolerance in {unit}, such as --tolerance '{example}'"
+            )
+            return
+        half = tolerance.half_width(mean)
+        low, high = mean - half, mean + half
+        if key == "jounce_force" and low >= 0.0:
+            self.remarks.append(f"{key} at {where}: no band, because the force ({mean:.3g} N) is not negative")
+            return
+        outside = [name for name, value in zip(names, values, strict=True) if not low <= value <= high]
+        if outside:
+            self.remarks.append(f"{key} at {where}: the value of {', '.join(outside)} is outside the band itself")
+        if half < max(reading.expanded for reading in readings):
+            self.narrow.append(f"{key} at {where}")
+        written = unit if unit != "1" and key != PARAMETER else ""
+        limits = [f"{name} = {_limit(end, written)}" for name, end in (("low", low), ("high", high))]
+        self.tables.append("\n".join([f"[[{key}]]", *entries, *limits]))
+
+
+@dataclass(frozen=True)
+class MasterBands:
+    """A bands file.
+
+    Attributes:
+        text: of the file.
+        count: number of bands.
+        remarks: what the file does not contain and why, and bands that are narrower than the measurement allows.
+    """
+
+    text: str
+    count: int
+    remarks: tuple[str, ...]
+
+
+def make_bands(runs: Sequence[Run], tolerances: Mapping[str, Tolerance], *, fitted: bool = False) -> MasterBands:
+    """Acceptance bands about the values that all golden runs have in common.
+
+    Args:
+        runs: golden runs, of one type of damper.
+        tolerances: by quantity, of `tolerances_of`.
+        fitted: take forces and energy of loops from the fit of each run instead of its measured forces.
+
+    Raises:
+        RigError: the runs have no value in common, or a run has no fit.
+        FileProblem: a fit cannot be used.
+    """
+    read = [fitted_readings(run) if fitted else readings_of(run) for run in runs]
+    names = [run.name for run in read]
+    made = _Bands(remarks=[f"{run.name}: {line}" for run in read for line in run.left_out])
+    loops = [quantity for quantity in LOOP_QUANTITIES if quantity.key in tolerances]
+    for row in motion_rows(read) if loops else ():
+        present = [loop for loop in row.loops if loop is not None]
+        if len(present) < len(read):
+            lacking = ", ".join(name for name, loop in zip(names, row.loops, strict=True) if loop is None)
+            made.remarks.append(f"{row.motion.label}: no band, because {lacking} does not contain this test")
+            continue
+        for quantity in loops:
+            readings = [loop.values[quantity.key] for loop in present if quantity.key in loop.values]
+            if len(readings) == len(read):
+                made.add(quantity.key, row.motion.label, list(_motion(row.motion)), readings, names,
+                         tolerances[quantity.key], quantity.unit)  # fmt: skip
+    for single in SINGLE_QUANTITIES:
+        if single.key in tolerances:
+            _add_single(made, single, read, tolerances[single.key])
+    if PARAMETER in tolerances:
+        _add_parameters(made, read, tolerances[PARAMETER])
+    if not made.tables:
+        why = f": {made.remarks[0]}" if made.remarks else ""
+        raise RigError(f"no acceptance bands can be made of these runs{why}. Fix: specify runs with valid loops")
+    if made.narrow:
+        made.remarks.append(
+            f"{len(made.narrow)} band(s) are narrower than the expanded uncertainty of the measured value, so guarded "
+            f"acceptance cannot pass them, for example {made.narrow[0]}"
+        )
+    return MasterBands(_text(read, made, fitted=fitted), len(made.tables), tuple(made.remarks))
+
+
+def _add_single(made: _Bands, single: Quantity, read: Sequence[RunReadings], tolerance: Tolerance) -> None:
+    readings = [run.singles[single.key] for run in read if single.key in run.singles]
+    if len(readings) == len(read):
+        names = [run.name for run in read]
+        made.add(single.key, "slow triangle", [], readings, names, tolerance, single.unit)
+
+
+def _add_parameters(made: _Bands, read: Sequence[RunReadings], tolerance: Tolerance) -> None:
+    models = sorted({run.model or "no fit" for run in read})
+    if len(models) > 1 or not read[0].model:
+        made.remarks.append(f"no bands for parameters, because the runs have different fits ({', '.join(models)})")
+        return
+    for name, first in read[0].parameters.items():
+        fitted = [run.parameters[name] for run in read if name in run.parameters and not run.parameters[name].why]
+        if len(fitted) == len(read):
+            entries = [f"name = {json.dumps(name)}", f"unit = {json.dumps(first.unit)}"]
+            names = [run.name for run in read]
+            made.add(PARAMETER, name, entries, [one.reading for one in fitted], names, tolerance, first.unit)
+
+
+def fitted_readings(run: Run) -> RunReadings:
+    """The readings of a run whose loops have the force of its fitted model instead of the measured force.
+
+    Raises:
+        RigError: the run has no fit.
+        FileProblem: its fit cannot be used.
+    """
+    fit = fit_in(run.path)
+    if fit is None:
+        raise RigError(f"{run.path.name}: the run has no fit. Fix: rig identify {run.path}")
+    model, values = fit.known_damper()
+    law = replace(Law.of(model, values, None), temperature=fit.temperature_law)
+    skews, prepared = pooled_skews(run.usable), dict[str, Measurement]()
+    for point in run.usable:
+        if point.kind == LOOP:
+            with evaluating(f"{point.id}"):
+                measured = prepare(point, skews.get(point.id))
+                if law.eta_1_s is not None:
+                    measured = with_lag(measured, law.eta_1_s)
+                prepared[point.id] = replace(measured, force_N=law.force_of(measured))
+    readings = readings_of(run, characterise(run, prepared))
+    poor = "the fit does not describe the tests within measurement noise"
+    return replace(readings, left_out=(*readings.left_out, *([poor] if fit.adequate is False else [])))
+
+
+def _motion(motion: Motion) -> Iterator[str]:
+    """The entries that choose a motion."""
+    yield f"waveform = {json.dumps(motion.waveform)}"
+    yield f"amplitude_m = {motion.amplitude_m!r}"
+    yield f"frequency_Hz = {motion.frequency_Hz!r}"
+    yield f"current_A = {motion.current_A + 0.0!r}"
+
+
+def _limit(value: float, unit: str) -> str:
+    number = f"{value:.6g}"
+    return json.dumps(f"{number} {unit}") if unit else number if "." in number or "e" in number else f"{number}.0"
+
+
+def _text(read: Sequence[RunReadings], made: _Bands, *, fitted: bool) -> str:
+    """The file.
+
+    Raises:
+        RigError: it would not be valid.
+    """
+    sources = ", ".join(run.name for run in read)
+    specimens = ", ".join(dict.fromkeys(run.specimen for run in read if run.specimen))
+    what = "fitted models" if fitted else "measured values"
+    lines = [f"# Master curve from the {what} of {sources}"]
+    if any(run.run.simulated for run in read):
+        lines.append("# SIMULATED: values of the simulated rig, not of a real damper")
+    lines += [
+        "format = 1", f"name = {json.dumps(f'master curve of {specimens or sources}'[:LONGEST_NAME])}",
+        'decision = "simple"       # or "guarded-acceptance", "guarded-rejection" (ISO 14253-1)',
+    ]
+    text = "\n".join(lines) + "\n\n" + "\n\n".join(made.tables) + "\n"
+    if len(text.encode()) > SIZE_LIMIT_BYTES:
+        raise RigError(
+            f"{len(made.tables)} bands are too many for a bands file (at most {SIZE_LIMIT_BYTES // 1024} KiB). Fix: "
+            "specify a tolerance for fewer quantities, such as --tolerance 'rebound_force=5 %'"
+        )
+    _, problems = validated(parse_toml(Path("bands"), text).data, Bands)
+    if problems:
+        where, problem = problems[0]
+        raise RigError(f"the bands are not valid: {'.'.join(map(str, where))}: {problem}")
+    return text
+
+
