@@ -32,7 +32,7 @@ from many_runs import make as make_runs
 
 from rig.clock import utc_now
 from rig.dampers import model, parameter_set
-from rig.recording.run_index import NAME, SETTLED_NS
+from rig.results.run_index import NAME, SETTLED_NS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENT = ROOT / "docs" / "benchmarks.md"
@@ -236,7 +236,7 @@ import sys
 from pathlib import Path
 sys.path.append(sys.argv[1])
 from many_runs import summary
-from rig.recording.run_index import RunFilter, listed
+from rig.results.run_index import RunFilter, listed
 listed(Path(sys.argv[2]), lambda place: {**summary(place), "planned": 5}, RunFilter())
 """
 """Fills the index without reading the points: 15 ms of CPU for each run, which another row tells."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
-from rig.recording.run_index import RunFilter, listed
+from rig.results.run_index import RunFilter, listed
 
 
 def make(folder: Path, runs: int, points: int) -> None:

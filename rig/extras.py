@@ -15,6 +15,7 @@ def how_to_install(extra: str) -> str:
 EXTRA_OF = {
     "pyarrow": "files", "asammdf": "files", "matio": "files", "nptdms": "files",
     "python_calamine": "files", "reportlab": "pdf", "PIL": "pdf", "distributed": "cluster", "sklearn": "reference",
+    "psycopg": "results",
 }
 """Package as it is imported to the smallest extra that installs it."""
 

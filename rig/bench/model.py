@@ -25,6 +25,7 @@ from protocols.sensor_format import modbus_framing
 from rig import units
 from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
+from rig.bench.results_table import ResultsTable
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
 from rig.files.display_table import DisplayTable
@@ -108,6 +109,7 @@ class Bench(Section):
     station: Station = Field(default_factory=Station)
     checks: Checks = Field(default_factory=Checks)
     display: DisplayTable = Field(default_factory=DisplayTable)
+    results: ResultsTable | None = None
     require_valid_calibration: bool = Field(
         default=False, description="require that no sensor's calibration is overdue"
     )
@@ -142,6 +144,7 @@ class Bench(Section):
                 "station": True,
                 "checks": True,
                 "display": True,
+                "results": True,
             }
         )
         tables = {

@@ -19,7 +19,7 @@ from rig.cli.output import JobBar, console, job_bar, show, write_json
 from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.point_files import unfinished
-from rig.recording.run_index import VERDICTS, RunFilter, listed
+from rig.results.run_index import VERDICTS, RunFilter, listed
 
 WIDE = 110
 """Columns from which specimen and date, which are part of most names, have columns of their own."""

@@ -327,7 +327,7 @@ def _loop(
         ]  # fmt: skip
         reading = averaged(measured)
         if math.isfinite(reading.value):
-            percent = _calibration_percent(quantity, points[members[0].id])
+            percent = calibration_percent(quantity, points[members[0].id])
             # The larger one of the scatters of cycles and of repeats is used: it is known from both.
             freedom = sum(loop.cycles for loop in members) - 1
             calibration = abs(reading.value) * percent / 100.0
@@ -348,7 +348,7 @@ def _singles(characteristics: Characteristics, points: Mapping[str, RecordedPoin
     for quantity in SINGLE_QUANTITIES:
         reading = averaged(test.friction_N if quantity.key == "friction_force" else test.gas_force_N for test in tests)
         if math.isfinite(reading.value):
-            percent = _calibration_percent(quantity, points[tests[0].id])
+            percent = calibration_percent(quantity, points[tests[0].id])
             singles[quantity.key] = Reading(reading.value, reading.std, abs(reading.value) * percent / 100.0)
     return _beside(singles)
 
@@ -359,7 +359,7 @@ def _beside(forces: Mapping[str, Reading]) -> dict[str, Reading]:
     return {key: replace(force, near_zero=NEAR_ZERO * largest_N) for key, force in forces.items()}
 
 
-def _calibration_percent(quantity: Quantity, point: RecordedPoint) -> float:
+def calibration_percent(quantity: Quantity, point: RecordedPoint) -> float:
     """Standard uncertainty (%) by the sensors' certificates; NaN where one that matters is not stated."""
     needed = [name for name, matters in (("force", quantity.by_force), ("displacement", quantity.by_displacement))
               if matters]  # fmt: skip

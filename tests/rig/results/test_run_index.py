@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from rig.errors import FileProblem
-from rig.recording import run_index
-from rig.recording.run_index import NAME, RunFilter, Summary, listed
+from rig.errors import DataWarning, FileProblem
+from rig.results import run_index
+from rig.results.run_index import NAME, RunFilter, Summary, listed
 
 ANY = RunFilter()
 
@@ -96,14 +96,33 @@ def same_size_and_time(path: Path) -> None:
     (lambda f: (f / "r0" / "fit.json").unlink(), ["r0"]),
     (lambda f: (f / "r1" / "fit.json").write_text("dahl"), ["r1"]),
     (lambda f: (f / NAME).unlink(), ["r0", "r1"]),
-    (lambda f: (f / NAME).write_bytes(b"no database" * 1000), ["r0", "r1"]),
-    (lambda f: (f / NAME).write_bytes((f / NAME).read_bytes()[:5000]), ["r0", "r1"]),
 ])
 def test_what_changed_outside_is_read_again_and_nothing_else(folder: Path, change: Any, read: list[str]) -> None:  # noqa: ANN401 - any call
     checked(folder)
     change(folder)
     assert checked(folder) == read
     assert checked(folder) == []
+
+
+@pytest.mark.parametrize("damage", [lambda whole: b"no database" * 1000, lambda whole: whole[:5000]])
+def test_a_damaged_database_is_named_and_made_again(folder: Path, damage: Any) -> None:  # noqa: ANN401 - any call
+    checked(folder)
+    (folder / NAME).write_bytes(damage((folder / NAME).read_bytes()))
+    with pytest.warns(DataWarning, match=r"\.rig-runs\.sqlite: damaged .* made again from the run directories"):
+        assert checked(folder) == ["r0", "r1"]
+    assert checked(folder) == []
+
+
+def test_a_database_of_a_newer_version_is_named_and_left_as_it_is(folder: Path) -> None:
+    checked(folder)
+    with sqlite3.connect(folder / NAME) as index:
+        index.execute("CREATE TABLE schema_version (version INTEGER)")
+        index.execute("INSERT INTO schema_version VALUES (99)")
+    index.close()
+    before = (folder / NAME).read_bytes()
+    with pytest.warns(DataWarning, match="got schema version 99, expected at most 1"):
+        assert checked(folder) == ["r0", "r1"]
+    assert (folder / NAME).read_bytes() == before
 
 
 def test_two_runs_that_change_places_are_distinguished(folder: Path) -> None:

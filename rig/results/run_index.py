@@ -1,9 +1,11 @@
-"""Index of the runs in a folder, stored in an SQLite file: `.rig-runs.sqlite`.
+"""Index of the runs in a folder, stored in the folder's results database: `.rig-runs.sqlite`.
 
 Only the files are authoritative. The index stores a summary of each run with a stamp of all files it was made from; if
 a stamp differs, a run is new or the index cannot be used, the summary is made again, and removed runs are deleted from
 it. It may be deleted at any time, and nothing is refused if it cannot be written. The files of points, which take most
 of the time, are read only for runs that may match the filter by their other data.
+
+This module uses sqlite3 directly: SQLAlchemy takes longer to import than a folder of 10,000 runs takes to list.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import json
 import os
 import re
 import sqlite3
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
 from fnmatch import fnmatchcase
@@ -22,10 +25,12 @@ from typing import Any
 import rig
 from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
 
 NAME = ".rig-runs.sqlite"
-FORMAT = f"4, {rig.__version__}"
+SCHEMA = 1
+"""Version of the tables of results in the file; a file with a higher one is neither used nor written."""
+FORMAT = f"5, {rig.__version__}"
 """Of the summaries; another one's are not used."""
 SETTLED_NS = 2_000_000_000
 """A file changed so lately may be changed again within the resolution of its time stamp: its summary is not kept."""
@@ -81,6 +86,10 @@ class RunFilter:
         return self.may_hold(*texts) and self.verdict in {None, summary["verdict"]}
 
 
+class NewerSchema(Exception):
+    """The results database was written by a newer version of this software."""
+
+
 @dataclass(frozen=True)
 class Kept:
     """A row of the index: stamps of the run's own files and of its points', what filters need, the summary as JSON."""
@@ -112,10 +121,11 @@ def listed(
         FileProblem: there is no such folder, or it cannot be read.
     """
     try:
-        present = dict(sorted(_own_stamps(folder)))
+        present = dict(sorted(own_stamps(folder)))
     except OSError as error:
         raise FileProblem(str(folder), [f"cannot be read: {error.strerror}"]) from error
-    known, root, now_ns = _kept(folder / NAME), os.fspath(folder), utc_now().timestamp() * 1e9
+    known, writable = _known(folder / NAME)
+    root, now_ns = os.fspath(folder), utc_now().timestamp() * 1e9
     runs: list[Summary] = []
     changed: dict[str, Kept] = {}
     gone = known.keys() - present.keys()
@@ -125,7 +135,7 @@ def listed(
             same = kept is not None and kept.own == own
             if same and kept is not None and not run_filter.may_hold(kept.specimen, kept.started, kept.model):
                 continue
-            points, newest_ns = _points_stamp(f"{root}/{name}/{CampaignFolder.points}")
+            points, newest_ns = points_stamp(f"{root}/{name}/{CampaignFolder.points}")
             if same and kept is not None and kept.points == points:
                 summary = json.loads(kept.summary)
             else:
@@ -140,9 +150,22 @@ def listed(
             if len(runs) == last:
                 break
     finally:  # Ctrl-C in a first listing of thousands of runs loses none of their summaries
-        if changed or gone:
+        if writable and (changed or gone):
             _keep(folder / NAME, changed, gone)
     return runs[::-1]
+
+
+def _known(file: Path) -> tuple[dict[str, Kept], bool]:
+    """What the index holds, and whether it may be written; a file of a newer version or a damaged one is named."""
+    try:
+        return _kept(file), True
+    except NewerSchema as newer:
+        warnings.warn(f"{newer}. The runs are listed from their files", DataWarning, stacklevel=3)
+        return {}, False
+    except (sqlite3.DatabaseError, TypeError, ValueError) as error:
+        text = f"{file}: damaged ({error}); the index of runs is made again from the run directories"
+        warnings.warn(text, DataWarning, stacklevel=3)
+        return {}, True
 
 
 def _row(own: str, points: str, summary: Summary) -> Kept:
@@ -150,7 +173,7 @@ def _row(own: str, points: str, summary: Summary) -> Kept:
     return Kept(own, points, specimen, started, model, json.dumps(summary))
 
 
-def _own_stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
+def own_stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
     """Name of every run; stamp of its folder of points and its files beside it, and their last change (ns)."""
     root = os.fspath(folder)
     with os.scandir(folder) as entries:
@@ -173,7 +196,7 @@ def _own_stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
         yield name, (stamp, newest_ns)
 
 
-def _points_stamp(points: str) -> tuple[str, int]:
+def points_stamp(points: str) -> tuple[str, int]:
     """Stamp of all files of points, and when the last one was changed (ns).
 
     It is made of inode, time of change and size of each: one that is replaced, renamed, written to or copied has
@@ -192,23 +215,63 @@ def _points_stamp(points: str) -> tuple[str, int]:
 
 
 def _kept(file: Path) -> dict[str, Kept]:
-    """What the index holds; nothing where it cannot be used."""
+    """What the index holds; nothing if it cannot be opened now or is of another version.
+
+    Raises:
+        NewerSchema: a newer version of this software wrote the file.
+        sqlite3.DatabaseError: the file is damaged or not a database; also TypeError and ValueError.
+    """
     if not file.is_file():
         return {}
     try:
         with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True, timeout=0.5)) as index:
-            (written,) = index.execute("SELECT written FROM format").fetchone()
-            if written != FORMAT:
+            check_schema(index, file)
+            if _one(index, "format", "written") != FORMAT:
                 return {}
             rows = index.execute("SELECT name, own, points, specimen, started, model, summary FROM runs").fetchall()
-    except (sqlite3.Error, TypeError, ValueError):
-        return {}  # made again
+    except sqlite3.OperationalError:  # locked, or tables of another version
+        return {}
     return {name: Kept(*row) for name, *row in rows}
+
+
+def check_schema(index: sqlite3.Connection, file: Path) -> None:
+    """Refuse a results database of a newer version.
+
+    Raises:
+        NewerSchema: with the message.
+        sqlite3.DatabaseError: the file is damaged or not a database.
+    """
+    version = _one(index, "schema_version", "version")
+    if isinstance(version, int) and version > SCHEMA:
+        raise NewerSchema(newer_schema(str(file), version))
+
+
+def newer_schema(place: str, version: int) -> str:
+    """The message for a results database of a newer version, without a full stop."""
+    return (
+        f"{place}: got schema version {version}, expected at most {SCHEMA}: a newer version of this software wrote the "
+        "database, which is neither read nor written. Fix: update mr-damper-rig"
+    )
+
+
+def _one(index: sqlite3.Connection, table: str, column: str) -> object:
+    """The only value in a table; None if there is none or no such table.
+
+    Raises:
+        OperationalError: the file is locked or cannot be opened.
+    """
+    try:
+        row = index.execute(f"SELECT {column} FROM {table}").fetchone()
+    except sqlite3.OperationalError as error:
+        if "no such" in str(error):
+            return None
+        raise
+    return None if row is None else row[0]
 
 
 def _keep(file: Path, changed: dict[str, Kept], gone: set[str]) -> None:
     """Write to the index; where that cannot be, the next call looks at the files again."""
-    with contextlib.suppress(sqlite3.Error, OSError):
+    with contextlib.suppress(sqlite3.Error, OSError, NewerSchema):
         try:
             _write(file, changed, gone)
         except sqlite3.DatabaseError as error:
@@ -221,6 +284,7 @@ def _keep(file: Path, changed: dict[str, Kept], gone: set[str]) -> None:
 def _write(file: Path, changed: dict[str, Kept], gone: set[str]) -> None:
     with contextlib.closing(sqlite3.connect(file, timeout=0.5)) as index, index:
         index.execute("BEGIN IMMEDIATE")
+        check_schema(index, file)
         index.execute("CREATE TABLE IF NOT EXISTS format (written TEXT)")
         if index.execute("SELECT written FROM format").fetchall() != [(FORMAT,)]:
             index.execute("DELETE FROM format")

@@ -1,0 +1,238 @@
+"""Results are delivered to a real PostgreSQL server: each campaign once, whatever happens in between."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from sqlalchemy import text
+
+from rig.errors import FileProblem
+from rig.results.connection import Unreachable
+from rig.results.connection import server as opened
+from rig.results.delivery import Outbox, deliver_folder
+from rig.results.reader import ResultFilter, open_results, result_rows
+from rig.results.run_index import NAME
+from rig.results.schema import RESULTS
+
+if TYPE_CHECKING:
+    from conftest import Make, PostgreSQL
+
+pytestmark = pytest.mark.wire
+
+
+def delivered(runs: Path, url: str) -> Outbox:
+    return deliver_folder(runs, url)[0]
+
+
+def table(url: str, name: str) -> list[dict[str, object]]:
+    with opened(url) as database, database.transaction() as connection:
+        keys = ", ".join(column.name for column in RESULTS.tables[name].primary_key.columns)
+        return [dict(row) for row in connection.execute(text(f"SELECT * FROM {name} ORDER BY {keys}")).mappings()]
+
+
+def all_rows(url: str) -> dict[str, list[dict[str, object]]]:
+    kept = {name: table(url, name) for name in RESULTS.tables}
+    for row in kept["campaigns"]:
+        row.pop("filled")
+    return kept
+
+
+def test_rows_on_the_server_equal_those_in_the_folder(runs: Path, made: Make, server: str) -> None:
+    made("r1", points=2, percent=0.5)
+    made("r2", specimen="MR-2", verdict="suspect", operator="J. Doe")
+    assert delivered(runs, server).delivered == 2
+    with open_results(runs) as (local, _), open_results(runs, server) as (remote, _):
+        own, theirs = list(result_rows(local)), list(result_rows(remote))
+        assert own == theirs
+        assert len(own) == len(list(result_rows(remote, ResultFilter(specimen="MR-?"))))
+        assert {row.specimen for row in result_rows(remote, ResultFilter(specimen="MR-2", date="2026-11"))} == {"MR-2"}
+
+
+def test_a_second_delivery_writes_nothing_and_a_changed_run_is_updated(runs: Path, made: Make, server: str) -> None:
+    made("r1")
+    delivered(runs, server)
+    before = all_rows(server)
+    with opened(server) as database, database.transaction() as connection:
+        (written,) = connection.execute(text("SELECT xmin::text FROM campaigns")).one()
+    assert delivered(runs, server).delivered == 1
+    with opened(server) as database, database.transaction() as connection:
+        assert connection.execute(text("SELECT xmin::text FROM campaigns")).one() == (written,)
+    entry = {"value": 5.0, "unit": "N", "standard_error": 0.5, "low": 4.0, "high": 6.0, "identifiable": True}
+    (runs / "r1" / "fit.json").write_text(json.dumps({"model": "bingham", "parameters": {"Fy": entry}}))
+    assert delivered(runs, server).waiting == 0
+    after = all_rows(server)
+    assert [row["parameter"] for row in after["parameters"]] == ["Fy"]
+    assert after["characteristics"] == before["characteristics"]
+    assert len(after["campaigns"]) == 1
+
+
+def test_without_the_record_of_deliveries_the_server_is_asked(runs: Path, made: Make, server: str) -> None:
+    made("r1")
+    delivered(runs, server)
+    before = all_rows(server)
+    (runs / NAME).unlink()
+    assert (delivered(runs, server).delivered, all_rows(server)) == (1, before)
+
+
+def test_a_server_that_was_restored_from_an_older_backup_gets_what_it_lost(
+    runs: Path, made: Make, server: str
+) -> None:
+    made("r1")
+    made("r2")
+    delivered(runs, server)
+    before = all_rows(server)
+    with opened(server) as database, database.transaction() as connection:
+        connection.execute(text("DELETE FROM campaigns WHERE run = 'r1'"))
+    assert delivered(runs, server).waiting == 0
+    assert all_rows(server) == before
+
+
+def test_a_copy_that_another_computer_changed_is_not_changed_back(runs: Path, made: Make, server: str) -> None:
+    made("r1")
+    delivered(runs, server)
+    with opened(server) as database, database.transaction() as connection:
+        connection.execute(text("UPDATE campaigns SET digest = 'of another computer', operator = 'somebody'"))
+    assert delivered(runs, server).waiting == 0
+    assert table(server, "campaigns")[0]["operator"] == "somebody"
+
+
+def test_a_stopped_server_loses_nothing(runs: Path, made: Make, server: str, postgresql: PostgreSQL) -> None:
+    made("r1")
+    delivered(runs, server)
+    made("r2")
+    postgresql.stop()
+    try:
+        state = delivered(runs, server)
+        assert (state.delivered, state.waiting) == (1, 1)
+        assert "1 of 2 campaigns delivered" in state.line
+        assert "1 waiting" in state.line
+    finally:
+        postgresql.start()
+    assert (delivered(runs, server).delivered, len(table(server, "campaigns"))) == (2, 2)
+
+
+def test_a_server_that_dies_in_a_write_keeps_no_part_of_a_campaign(
+    runs: Path, made: Make, server: str, postgresql: PostgreSQL, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made("r1")
+    made("r2")
+    delivered(runs, server)
+    before = all_rows(server)
+    made("r3")
+    from rig.results import filling
+
+    children = filling.CHILDREN
+
+    class Dying(tuple):  # type: ignore[type-arg]
+        def __iter__(self):  # type: ignore[no-untyped-def]  # noqa: ANN204
+            yield from self[:2]
+            postgresql.stop("immediate")
+            yield from self[2:]
+
+    with monkeypatch.context() as dying:
+        dying.setattr("rig.results.delivery.put", lambda *given: _with(filling, Dying(children), given))
+        state = delivered(runs, server)
+    assert state.waiting == 1
+    assert state.error
+    postgresql.start()
+    assert all_rows(server) == before
+    assert delivered(runs, server).waiting == 0
+    assert [row["run"] for row in sorted(table(server, "campaigns"), key=lambda row: str(row["run"]))] == [
+        "r1", "r2", "r3",
+    ]  # fmt: skip
+
+
+def _with(filling, children, given):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    kept, filling.CHILDREN = filling.CHILDREN, children
+    try:
+        return filling.put(*given)
+    finally:
+        filling.CHILDREN = kept
+
+
+def station(folder: Path, url: str) -> None:
+    """A station's own process."""
+    state = delivered(folder, url)
+    os._exit(0 if (state.delivered, state.waiting, state.error) == (3, 0, "") else 1)
+
+
+def test_ten_stations_that_write_at_once_lose_nothing_and_double_nothing(
+    tmp_path: Path, runs: Path, made: Make, server: str
+) -> None:
+    source = made("a")
+    assert source.parent == runs
+    folders = [tmp_path / f"station{number}" for number in range(10)]
+    for name, folder in enumerate(folders):
+        for number in range(3):
+            copy = folder / f"s{name}-{number}"
+            (copy / "points").mkdir(parents=True)
+            (copy / "points" / "p001.h5").hardlink_to(source / "points" / "p001.h5")
+            described = json.loads((source / "campaign.json").read_text())
+            described |= {"id": copy.name, "bench": f"bench {name}", "specimen": f"MR-{number}"}
+            (copy / "campaign.json").write_text(json.dumps(described))
+    context = multiprocessing.get_context("fork")  # everything is imported: ten times 2 s of processor time less
+    stations = [context.Process(target=station, args=(folder, server)) for folder in folders]
+    for process in stations:
+        process.start()
+    for process in stations:
+        process.join(120)
+    assert [process.exitcode for process in stations] == [0] * 10
+    assert len(table(server, "campaigns")) == 30
+    assert len(table(server, "stations")) == 10
+    assert [row["specimen"] for row in table(server, "specimens")] == ["MR-0", "MR-1", "MR-2"]
+    values = table(server, "characteristics")
+    assert len(values) == 30 * len({row["quantity"] for row in values})
+
+
+def test_a_wrong_password_is_named_without_the_password(
+    runs: Path, made: Make, server: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made("r1")
+    monkeypatch.setenv("PGPASSWORD", "wrong")
+    state = delivered(runs, server)
+    assert "password authentication failed" in state.error
+    assert "wrong" not in state.error
+    address = server.replace("rig@", "rig:also-wrong@")
+    state = delivered(runs, address)
+    assert "also-wrong" not in f"{state} {(runs / NAME).read_bytes()!r}"
+
+
+def test_a_newer_schema_on_the_server_is_refused_and_not_written(runs: Path, made: Make, server: str) -> None:
+    made("r1")
+    delivered(runs, server)
+    made("r2")
+    with opened(server) as database, database.transaction() as connection:
+        connection.execute(text("UPDATE schema_version SET version = 99"))
+    for _ in range(2):
+        with pytest.raises(FileProblem, match="got schema version 99, expected at most 1"):
+            delivered(runs, server)
+    with pytest.raises(FileProblem, match="99"), open_results(runs, server):
+        pass
+
+
+def test_tables_of_another_program_are_neither_used_nor_removed(
+    runs: Path, made: Make, server: str, postgresql: PostgreSQL
+) -> None:
+    made("r1")
+    name = server.rpartition("/")[2]
+    postgresql.sql("CREATE TABLE points (x int)", name)
+    postgresql.sql("INSERT INTO points VALUES (7)", name)
+    with pytest.raises(FileProblem, match=r"another program with the same names \(points\)"):
+        delivered(runs, server)
+    assert postgresql.sql("SELECT x FROM points", name) == "7"
+
+
+def test_a_server_without_results_is_not_written_by_reading(runs: Path, server: str) -> None:
+    with pytest.raises(FileProblem, match="contains no results yet"), open_results(runs, server):
+        pass
+
+
+def test_an_unreachable_server_is_named_when_it_is_read(runs: Path) -> None:
+    with pytest.raises(Unreachable, match=r"results server postgresql://rig@127\.0\.0\.1:1/rig: "):
+        with open_results(runs, "postgresql://rig@127.0.0.1:1/rig"):
+            pass

@@ -1,0 +1,246 @@
+"""The results database of a folder contains what the run directories contain, whatever happened to either."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from sqlalchemy import text
+
+from rig.errors import FileProblem
+from rig.results import filling
+from rig.results.filling import Filled, filled_database
+from rig.results.reader import ResultFilter, ResultRow, date_range, open_results, result_rows
+from rig.results.run_index import NAME, RunFilter, listed
+from rig.results.schema import RESULTS, VIEWS
+
+if TYPE_CHECKING:
+    from conftest import Make
+
+OMEGA = 2 * math.pi
+
+
+def rows(folder: Path, **wanted: Any) -> list[ResultRow]:  # noqa: ANN401 - of the filter
+    with open_results(folder) as (database, _):
+        return list(result_rows(database, ResultFilter(**wanted)))
+
+
+def filled(folder: Path, **options: bool) -> Filled:
+    with filled_database(folder, **options) as (_, done):
+        return done
+
+
+def content(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Every row of every table but the time at which it was written."""
+    with filled_database(folder) as (database, _), database.transaction() as connection:
+        kept = {
+            name: [dict(row) for row in connection.execute(text(f"SELECT * FROM {name}")).mappings()]
+            for name in RESULTS.tables
+        }  # fmt: skip
+    for row in kept["campaigns"]:
+        row.pop("filled")
+    return kept
+
+
+def test_a_run_gives_its_values_with_their_uncertainty(runs: Path, made: Make) -> None:
+    made("r1", points=2, percent=0.5, operator="J. Doe")
+    values = {row.quantity: row for row in rows(runs) if row.point == "p002"}
+    rebound = values["rebound_force"]
+    assert rebound.value == pytest.approx(1000.0 * 0.02 * OMEGA - 50.0, rel=2e-3)
+    assert values["jounce_force"].value == pytest.approx(-1000.0 * 0.02 * OMEGA - 50.0, rel=2e-3)
+    assert values["energy"].value == pytest.approx(math.pi * 1000.0 * OMEGA * 0.02**2, rel=2e-3)
+    assert rebound.calibration_std == pytest.approx(0.005 * rebound.value)
+    assert rebound.std == pytest.approx(math.hypot(rebound.repeatability_std or 0.0, 0.005 * rebound.value))
+    assert values["energy"].calibration_std == pytest.approx(math.sqrt(2) * 0.005 * values["energy"].value)
+    assert (rebound.unit, rebound.subject, rebound.motion, rebound.current_A, rebound.amplitude_m) == (
+        "N", "specimen", "sine 20 mm 1 Hz", 0.5, 0.02,
+    )  # fmt: skip
+    assert (rebound.specimen, rebound.station, rebound.operator, rebound.matrix, rebound.repeat, rebound.verdict) == (
+        "MR-1", "bench 1", "J. Doe", "sine.toml", 2, "valid",
+    )  # fmt: skip
+    assert rebound.started is not None
+    assert rebound.started.isoformat() == "2026-11-27T10:00:00+00:00"
+    assert rebound.specimen_verdict == "not-tested"
+
+
+def test_an_invalid_point_gives_no_value_of_the_damper(runs: Path, made: Make) -> None:
+    made("r1", verdict="invalid")
+    assert {row.subject for row in rows(runs)} <= {"bench"}
+    assert content(runs)["points"][0]["reasons"] == "estop: stopped"
+    assert content(runs)["campaigns"][0]["bench_verdict"] == "invalid"
+
+
+def test_a_fit_gives_its_identifiable_parameters(runs: Path, made: Make) -> None:
+    run = made("r1")
+    entry = {"value": 5.0, "unit": "N", "standard_error": 0.5, "low": 4.0, "high": 6.0, "identifiable": True}
+    loose = {**entry, "identifiable": False, "standard_error": None, "low": None, "high": None, "reason": "no step"}
+    (run / "fit.json").write_text(json.dumps({"model": "bingham", "parameters": {"Fy": entry, "eta": loose}}))
+    assert [(row.quantity, row.value, row.std, row.motion) for row in rows(runs, quantity="[F]*")] == [
+        ("Fy", 5.0, 0.5, "fit bingham")
+    ]
+    assert [(row["parameter"], row["reason"]) for row in content(runs)["parameters"]] == [("Fy", ""), ("eta", "no step")]
+
+
+def test_the_verdict_on_the_specimen_comes_with_its_margins(runs: Path, made: Make) -> None:
+    run = made("r1")
+    result = {"quantity": "rebound_force", "where": "sine, 20 mm, 1 Hz, 0.5 A", "value": 75.7, "expanded": 1.0,
+              "low": 80.0, "high": None, "unit": "N", "state": "fail", "why": "", "margin": -4.3}  # fmt: skip
+    accepted = {"specimen": "not-ok", "name": "drawing 1", "decision": "guarded", "passed": False, "results": [result]}
+    (run / "acceptance.json").write_text(json.dumps(accepted))
+    assert {row.specimen_verdict for row in rows(runs)} == {"not-ok"}
+    verdicts = [(row["subject"], row["item"], row["verdict"], row["margin"]) for row in content(runs)["verdicts"]]
+    assert sorted(verdicts) == [("bench", 0, "valid", None), ("specimen", 0, "not-ok", None),
+                                ("specimen", 1, "fail", -4.3)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("wanted", "runs_of"), [
+    ({}, {"r1", "r2", "r3"}), ({"specimen": "MR-2"}, {"r2"}), ({"specimen": "mr-2"}, set()),
+    ({"specimen": "MR-?"}, {"r1", "r2", "r3"}), ({"date": "2026-11-27"}, {"r1"}), ({"date": "2026-12"}, {"r2"}),
+    ({"date": ":2026-11"}, {"r1"}), ({"date": "2026-12:"}, {"r2", "r3"}), ({"quantity": "energy"}, {"r1", "r2", "r3"}),
+    ({"matrix": "sine.*"}, {"r1", "r2", "r3"}), ({"matrix": "100%"}, set()), ({"station": "bench 3"}, {"r3"}),
+    ({"operator": ""}, {"r1", "r2", "r3"}), ({"current_A": 1.0}, {"r3"}), ({"verdict": "suspect"}, {"r2"}),
+    ({"campaign": "r3"}, {"r3"}),
+])  # fmt: skip
+def test_all_conditions_of_a_filter_must_hold(
+    runs: Path, made: Make, wanted: dict[str, Any], runs_of: set[str]
+) -> None:
+    made("r1")
+    made("r2", specimen="MR-2", started="2026-12-31T23:59:59+00:00", verdict="suspect")
+    made("r3", specimen="MR-3", started="2027-01-01T00:00:00+00:00", station="bench 3", current_A=1.0)
+    assert {row.run for row in rows(runs, **wanted)} == runs_of
+
+
+def test_a_date_that_does_not_exist_is_named() -> None:
+    assert [str(end)[:10] for end in date_range("2026-12")] == ["2026-12-01", "2027-01-01"]
+    assert [str(end)[:10] for end in date_range("2024-02-29")] == ["2024-02-29", "2024-03-01"]
+    with pytest.raises(FileProblem, match="2026-02-30"):
+        date_range("2026-02-30")
+
+
+@pytest.mark.parametrize(("change", "read"), [
+    (lambda f: None, 0),
+    (lambda f: shutil.rmtree(f / "r1"), 0),
+    (lambda f: (f / "r1").rename(f / "r9"), 1),
+    (lambda f: (f / "r1" / "points" / "p001.h5").unlink(), 1),
+    (lambda f: (f / "r2" / "operator.json").write_text('{"operator": "J. Doe"}'), 1),
+    (lambda f: (f / NAME).unlink(), 2),
+])
+def test_what_changed_outside_is_read_again_and_nothing_else(runs: Path, made: Make, change: Any, read: int) -> None:  # noqa: ANN401 - any call
+    made("r1")
+    made("r2", specimen="MR-2")
+    filled(runs)
+    change(runs)
+    assert filled(runs).read == read
+    kept = content(runs)
+    assert filled(runs, rebuild=True).read == len(list(runs.glob("r?")))
+    assert content(runs) == kept
+    assert len(kept["specimens"]) == len(kept["campaigns"]) == len(list(runs.glob("r?")))
+
+
+def test_a_copied_run_counts_once_and_takes_the_place_of_its_original(runs: Path, made: Make) -> None:
+    made("r1")
+    before = content(runs)
+    shutil.copytree(runs / "r1", runs / "r0")
+    done = filled(runs)
+    assert list(done.remarks) == ["r0"]
+    assert "copy of r1" in done.remarks["r0"]
+    assert content(runs) == before
+    shutil.rmtree(runs / "r1")
+    assert [row["run"] for row in content(runs)["campaigns"]] == ["r0"]
+
+
+def test_what_cannot_be_read_is_named_and_hides_no_other_run(runs: Path, made: Make) -> None:
+    made("r1")
+    made("r2")
+    (runs / "r2" / "points" / "p001.h5").write_bytes(b"no HDF5")
+    made("r3", points=0)
+    (runs / "r4" / "points").mkdir(parents=True)
+    made("r5")
+    (runs / "r5" / "fit.json").write_text("{")
+    done = filled(runs)
+    assert set(done.remarks) == {"r2", "r4", "r5"}
+    assert {row["run"] for row in content(runs)["campaigns"]} == {"r1", "r2", "r3", "r5"}
+
+
+def test_a_run_that_is_being_recorded_waits_until_it_has_ended(
+    runs: Path, made: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = made("r1")
+    with monkeypatch.context() as recording:
+        recording.setattr(filling, "held_inodes", lambda: frozenset({run.stat().st_ino}))
+        assert filled(runs).running == ["r1"]
+    assert filled(runs).read == 1
+
+
+def test_the_index_of_runs_and_the_results_share_one_file(runs: Path, made: Make) -> None:
+    made("r1")
+    filled(runs)
+    kept = content(runs)
+    summary = {"id": "r1", "specimen": "MR-1", "started": "", "model": "", "verdict": ""}
+    asked: list[Path] = []
+    for _ in range(2):
+        listed(runs, lambda place: asked.append(place) or summary, RunFilter())  # type: ignore[func-returns-value]
+    assert asked == [runs / "r1"]
+    assert content(runs) == kept
+    assert [path.name for path in runs.iterdir() if path.is_file()] == [NAME]
+
+
+def test_an_index_of_an_earlier_version_becomes_the_database(runs: Path, made: Make) -> None:
+    made("r1")
+    with closing(sqlite3.connect(runs / NAME)) as old, old:
+        old.execute("CREATE TABLE format (written TEXT)")
+        old.execute("INSERT INTO format VALUES ('4, 1.0.0')")
+        old.execute("CREATE TABLE runs (name TEXT PRIMARY KEY, own TEXT, points TEXT, specimen TEXT)")
+    assert (filled(runs).notes, len(rows(runs, quantity="energy"))) == ([], 1)
+
+
+@pytest.mark.parametrize("damage", [lambda whole: b"no database" * 1000, lambda whole: whole[: len(whole) // 2]])
+def test_a_damaged_database_is_named_and_made_again(runs: Path, made: Make, damage: Any) -> None:  # noqa: ANN401 - any call
+    made("r1")
+    before = content(runs)
+    (runs / NAME).write_bytes(damage((runs / NAME).read_bytes()))
+    done = filled(runs)
+    assert "damaged" in done.notes[0]
+    assert NAME in done.notes[0]
+    assert content(runs) == before
+
+
+def test_a_database_of_a_newer_version_is_refused_and_not_written(runs: Path, made: Make) -> None:
+    made("r1")
+    filled(runs)
+    with closing(sqlite3.connect(runs / NAME)) as newer, newer:
+        newer.execute("UPDATE schema_version SET version = 99")
+    before = (runs / NAME).read_bytes()
+    for rebuild in (False, True):
+        with pytest.raises(FileProblem, match="got schema version 99, expected at most 1"):
+            filled(runs, rebuild=rebuild)
+    assert (runs / NAME).read_bytes() == before
+
+
+def test_in_a_folder_that_cannot_be_written_the_results_are_read_into_memory(
+    runs: Path, made: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made("r1")
+    filled(runs)
+    made("r2", specimen="MR-2")
+    before = (runs / NAME).read_bytes()
+    monkeypatch.setattr("rig.results.connection.writable", lambda _file: False)  # root may write everywhere
+    with open_results(runs) as (database, done):
+        assert "read-only" in done.notes[0]
+        assert {row.run for row in result_rows(database)} == {"r1", "r2"}
+    assert (runs / NAME).read_bytes() == before
+
+
+def test_every_view_can_be_read(runs: Path, made: Make) -> None:
+    made("r1")
+    with open_results(runs) as (database, _), database.transaction() as connection:
+        counts = {name: connection.execute(text(f"SELECT count(*) FROM {name}")).scalar() for name in VIEWS}
+    assert counts["results"] == len(rows(runs))
+    assert counts["campaign_list"] == 1
+    assert counts["calibration_list"] == 1
