@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import text
 
 from rig.errors import FileProblem
-from rig.results import filling
+from rig.results import documentation, filling
 from rig.results.filling import Filled, filled_database
 from rig.results.reader import ResultFilter, ResultRow, date_range, open_results, result_rows
 from rig.results.run_index import NAME, RunFilter, listed
@@ -244,3 +244,16 @@ def test_every_view_can_be_read(runs: Path, made: Make) -> None:
     assert counts["results"] == len(rows(runs))
     assert counts["campaign_list"] == 1
     assert counts["calibration_list"] == 1
+
+
+def test_the_reference_page_describes_the_tables_as_they_are() -> None:
+    assert (Path(__file__).parents[3] / "docs" / "results-database.md").read_text(encoding="utf-8") == documentation.page()
+    comments = [column.comment for table in RESULTS.tables.values() for column in table.columns]
+    assert all(comments)
+
+
+def test_the_columns_of_each_view_are_those_of_the_page(runs: Path) -> None:
+    with open_results(runs) as (database, _), database.transaction() as connection:
+        for name in VIEWS:
+            shown = list(connection.execute(text(f"SELECT * FROM {name}")).keys())
+            assert shown == documentation.view_columns(name)
