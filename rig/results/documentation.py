@@ -1,6 +1,6 @@
 """The reference page of the results database, `docs/results-database.md`, from the tables themselves.
 
-    python -m rig.results.documentation > docs/results-database.md
+`python -m rig.results.documentation > docs/results-database.md` writes it.
 """
 
 from __future__ import annotations
@@ -15,29 +15,38 @@ from rig.results.schema import RESULTS, VERSION, VIEWS, Utc
 
 HEAD = f"""# Results database
 
-The results of all runs in a folder are stored in one SQLite file in that folder, `.rig-runs.sqlite`, and can be delivered to a PostgreSQL
-server that collects the results of several stations. The tables are equal in both databases.
+The results of all runs in a folder are stored in one SQLite file in that folder, `.rig-runs.sqlite`, and can be
+delivered to a PostgreSQL server that collects the results of several stations. The tables are equal in both
+databases.
 
-Schema version {VERSION}. This page is generated from the tables (`python -m rig.results.documentation`) and checked by a test.
+Schema version {VERSION}. This page is generated from the tables (`python -m rig.results.documentation`) and checked
+by a test.
 
-- Only the run directories are authoritative: the database is made from them, again at any time. Do not write to its tables; the changes are lost.
-- Numbers are in SI units (temperatures in degC). The unit is part of the column's name, or in the column `unit` of the same row.
-- Times are in UTC. PostgreSQL: `timestamp with time zone`. SQLite: text such as `2026-11-27T20:02:19.000+00:00`, which sorts by time.
+- Only the run directories are authoritative: the database is made from them, again at any time. Do not write to its
+  tables; the changes are lost.
+- Numbers are in SI units (temperatures in degC). The unit is part of the column's name, or in the column `unit` of
+  the same row.
+- Times are in UTC. PostgreSQL: `timestamp with time zone`. SQLite: text such as `2026-11-27T20:02:19.000+00:00`,
+  which sorts by time.
 - Unknown values are NULL; unknown texts are empty.
 - Uncertainties are standard uncertainties (k = 1), unless the name states otherwise.
 - In SQLite, truth values are 0 and 1.
-- A campaign has a UUID that is derived from the name in `campaign.json`: copied and renamed directories are the same campaign, which is counted once.
-- Results of a run are updated if its points, its fit, the acceptance result or the text entered on the operator's page change.
+- A campaign has a UUID that is derived from the name in `campaign.json`: copied and renamed directories are the
+  same campaign, which is counted once.
+- Results of a run are updated if its points, its fit, the acceptance result or the text entered on the operator's
+  page change.
 - A campaign whose directory is deleted is removed from the SQLite file, but not from a server.
 
 ## Views
 
-Use the views in Grafana, Excel and other programs: they are the tables, joined. Their columns have the meaning stated below for the tables.
+Use the views in Grafana, Excel and other programs: they are the tables, joined. Their columns have the meaning
+stated below for the tables.
 
 """
 LOCAL_ONLY = """## Further tables in the SQLite file
 
-`format` and `runs` are the index of runs for `rig runs`; `sources`, `deliveries` and `servers` contain the state of the file. Their content may change between versions.
+`format` and `runs` are the index of runs for `rig runs`; `sources`, `deliveries` and `servers` contain the state of
+the file. Their content may change between versions.
 """
 
 

@@ -9,7 +9,6 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ Make = Callable[..., Path]
 def make_run(
     folder: Path, name: str, *, specimen: str = "MR-1", started: str = "2026-11-27T10:00:00+00:00",
     damping_N_s_m: float = 1000.0, current_A: float = 0.5, points: int = 1, verdict: str = "valid",
-    station: str = "bench 1", percent: float | None = None, **description: Any,
+    station: str = "bench 1", percent: float | None = None, **description: object,
 ) -> Path:
     """A run of sines of 20 mm and 1 Hz on a damper F = c v - 50 N, whose characteristics are known on paper."""
     run = folder / name
@@ -40,7 +39,7 @@ def make_run(
     u_m = 0.02 * np.sin(phase)
     v_m_s = 0.02 * 2 * np.pi * np.cos(phase) * ((phase > 0) & (phase < 2 * np.pi * CYCLES))
     stated = {} if percent is None else {f"{of}_uncertainty_percent": percent for of in ("force", "displacement")}
-    calibration = {"serial_number": "LC-1", "certificate": "C-7", "due": "2027-01-01", "sensitivity": 1.0, "offset": 0.0}
+    calibration = {"serial_number": "LC-1", "certificate": "C-7", "due": "2027-01-01", "sensitivity": 1.0}
     for k in range(1, points + 1):
         write_file(run / "points" / f"p{k:03d}.h5", PointFile(
             time_s, RATE_HZ,
@@ -149,9 +148,9 @@ def postgresql() -> Iterator[PostgreSQL]:
 
 
 @pytest.fixture
-def server(postgresql: PostgreSQL, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[str]:
+def server(postgresql: PostgreSQL, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> str:
     """Address of an empty database, without password; the password is in the environment."""
     name = f"t{abs(hash(request.node.nodeid)) % 10**9}"
     postgresql.database(name)
     monkeypatch.setenv("PGPASSWORD", PostgreSQL.PASSWORD)
-    yield postgresql.address(name)
+    return postgresql.address(name)

@@ -233,6 +233,6 @@ def test_a_server_without_results_is_not_written_by_reading(runs: Path, server: 
 
 
 def test_an_unreachable_server_is_named_when_it_is_read(runs: Path) -> None:
-    with pytest.raises(Unreachable, match=r"results server postgresql://rig@127\.0\.0\.1:1/rig: "):
-        with open_results(runs, "postgresql://rig@127.0.0.1:1/rig"):
-            pass
+    message = r"results server postgresql://rig@127\.0\.0\.1:1/rig: "
+    with pytest.raises(Unreachable, match=message), open_results(runs, "postgresql://rig@127.0.0.1:1/rig"):
+        pass
