@@ -74,6 +74,11 @@ class CampaignFolder:
     """Verdict on the specimen, if the matrix has acceptance bands."""
     report = _Inside("report.html")
     hybrid = _Inside("hybrid.json")
+    reanalysed = _Inside("reanalysed")
+    """Folder of the results that later versions made of this run (`rig.reanalysis`); each of them is a run."""
+    reanalysis = _Inside("reanalysis.json")
+    """Of such a result: what it was made of, and what has changed."""
+    reanalysis_page = _Inside("reanalysis.html")
     reference = _Inside("reference")
     """Folder of the hybrid tests' courses."""
 

@@ -37,7 +37,7 @@ from rig.recording.atomic_write import inner_folder, write_text_durably
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.ring_records import RECORD_DTYPE
-from rig.recording.run import read_campaign
+from rig.recording.run import REANALYSIS, read_campaign
 from rig.test_point import LOOP
 from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
 
@@ -306,6 +306,8 @@ def described(folder: Path) -> dict[str, Any]:
         FileProblem: there is none, or it is damaged.
     """
     description = read_campaign(folder) if folder.is_dir() else {}
+    if REANALYSIS in description:
+        raise FileProblem(str(folder), ["this is a result of `rig reanalyse`. Fix: resume the original campaign"])
     if not isinstance(description.get("hashes"), dict) or not CampaignFolder(folder).matrix.is_file():
         raise FileProblem(
             str(folder), ["does not contain a started campaign. Fix: specify the folder that `rig run` printed (see "

@@ -53,6 +53,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "export": ("rig.cli.export", "Export a run or a fit for use in another program."),
         "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
         "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
+        "reanalyse": ("rig.cli.reanalyse", "Analyse old runs again with this version; show what has changed."),
     },
     "Models": {
         "identify": ("rig.cli.identify", "Fit damper models to recorded runs."),

@@ -15,7 +15,7 @@ from rig.fits.entries import Estimate
 from rig.fits.fit_record import fit_in
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import Run
+from rig.recording.run import REANALYSIS, Run
 from rig.signals.delay_estimation.sample_match import student
 from rig.signals.test_set import (
     NOMINAL_SHARE,
@@ -235,12 +235,12 @@ class RunReadings:
     @property
     def identity(self) -> str:
         """By which a copy of the run is known as the same one."""
-        return str(self.run.campaign.get("id") or self.run.path.resolve())
+        return f"{self.run.campaign.get('id') or self.run.path.resolve()} {self.run.campaign.get(REANALYSIS, '')}"
 
     @property
     def name(self) -> str:
         """The run's name."""
-        return self.run.path.name
+        return self.run.name
 
     def loop_of(self, motion: Motion) -> LoopReading | None:
         """The reading of a motion, of several that can be it the nearest; None where the run has none."""

@@ -41,6 +41,8 @@ MOST_IDS = 12
 EXACT = 1e-6
 """Relative difference of a number in a filter from a requested one that is only rounding."""
 
+REANALYSIS = "reanalysis"
+"""Entry of a campaign's description that `rig reanalyse` adds: names of the original (`of`) and of the result."""
 OF_CAMPAIGN = {"campaign": "id", "campaign_hash": "hash"}
 """What a point's file and its campaign's description both state: attribute -> key."""
 
@@ -258,6 +260,14 @@ class Run:
         counted = tuple(point for point in points if not point.kept_apart)
         apart = tuple(point for point in points if point.kept_apart)
         return cls(place, counted, described, apart, unreadable)
+
+    @property
+    def name(self) -> str:
+        """Name of the folder; of a result of `rig reanalyse` also that of the original run."""
+        made = self.campaign.get(REANALYSIS)
+        if not isinstance(made, Mapping):
+            return self.path.name
+        return f"{made.get('of')} (reanalysed: {made.get('name')})"
 
     @cached_property
     def display(self) -> Display:

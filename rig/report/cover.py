@@ -107,7 +107,7 @@ def mark_of(runs: Iterable[Run]) -> str:
     count = sum(run.simulated for run in runs)
     if not count or count == len(runs):
         return SIMULATED if count else ""
-    names = ", ".join(run.path.name for run in runs if run.simulated)
+    names = ", ".join(run.name for run in runs if run.simulated)
     return f"SIMULATED: the values of {names} come from the simulated rig, not from a real damper"
 
 
@@ -124,7 +124,7 @@ def cover(run: Run, details: Details) -> Cover:
         ("Operator", details.operator), ("Bench", bench_of(run)),
     )  # fmt: skip
     title = table.title or f"Damper test report{f': {specimen}' if specimen else ''}"
-    lines = [_line(people), _line(made), _line((("Run", run.path.name),))]
+    lines = [_line(people), _line(made), _line((("Run", run.name),))]
     return Cover(title, tuple(line for line in lines if line), details.logo)
 
 

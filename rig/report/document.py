@@ -153,7 +153,7 @@ def report_of(of: Material) -> Document:
         *events(of.log), *installed_sections(run, fit), *provenance(run, fit, of.details),
     ]  # fmt: skip
     title = of.details.table.title or "Damper test report"
-    return Document(f"{title} {run.path.name}", with_contents(blocks), mark_of([run]), of.display.paper)
+    return Document(f"{title} {run.name}", with_contents(blocks), mark_of([run]), of.display.paper)
 
 
 def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
@@ -428,7 +428,7 @@ def provenance(run: Run, fit: FitRecord | None, details: CoverDetails) -> Blocks
         if all(point.provenance.get(key) == value for point in run.points)
     }
     shown: dict[str, object] = {
-        "campaign": run.path.name, **shared,
+        "campaign": run.name, **shared,
         **{key: value for key, value in run.campaign.items() if isinstance(value, (str, int, float))},
     }
     for key in ("started_utc", "created"):

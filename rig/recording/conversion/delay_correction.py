@@ -4,34 +4,23 @@ An undeclared delay is a constant of the rig, but each point's file is made when
 point alone. At the end of the campaign all points combined determine it several times better
 (`rig.recording.quality.campaign_delay`), and the instruments too (`rig.recording.quality.cross_checks`). A finished
 file is replaced only if its loop is certainly wrong or its verdict changes: it is made again from the received data, by
-the same function (`conversion.build`), and `/entry/provenance` states this. If only the verdict changes, only its
+the same function (`rebuilding.rebuild`), and `/entry/provenance` states this. If only the verdict changes, only its
 attributes are rewritten.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from drivers.ring import channel_number
 from rig.clock import utc_now
-from rig.errors import FileProblem
 from rig.recording.atomic_write import ReservedFile, write_whole
-from rig.recording.conversion.conversion import Correction, build
-from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.conversion.conversion import Correction
+from rig.recording.conversion.rebuilding import can_be_rebuilt, rebuild
 from rig.recording.hdf5.hdf5_objects import set_attributes
-from rig.recording.hdf5.read_back import prove
-from rig.recording.hdf5.reading import opened
-from rig.recording.journal.journal_file import JournalContent
-from rig.recording.journal.point_journal import ChannelSplit
-from rig.recording.layout import Attribute, Event, PointContext
+from rig.recording.layout import Attribute
 from rig.recording.point_files import FinishedPoint
 from rig.recording.quality.campaign_delay import BehindArrivals, PointSkew, behind_arrivals, pooled_skews
 from rig.recording.quality.cross_checks import campaign_verdicts
@@ -39,8 +28,6 @@ from rig.recording.quality.instrument_checks import SLUGS
 from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.quality.verdict_rules import with_skew
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.ring_records import RECORD_DTYPE
-from rig.signals.chunked_column import parts
 
 if TYPE_CHECKING:
     import h5py
@@ -79,7 +66,7 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
     for point in points:
         known = skews.get(point.id) or behind.get(point.id)
         change = None if known is None else _change(point, known, instruments.get(point.id))
-        if change is not None and point.path is not None and "context" in point.provenance:
+        if change is not None and point.path is not None and can_be_rebuilt(point):
             yield make_again(point.path, change)
     yield from judge_together(points_folder)
 
@@ -122,19 +109,7 @@ def make_again(path: Path, change: Change) -> FinishedPoint:
         OSError: the disk refuses; the file is as it was.
     """
     old = RecordedPoint.open(path)
-    content = _journal_of(path, old)
-    context = PointContext.from_json(content.context_json)
-    with ExitStack() as held:
-        split = held.enter_context(ChannelSplit(path.parent))
-        for records in _received(path):
-            split.take(records)
-        file, quality = build(
-            content, context, split.channels(), recovered=bool(old.quality.recovered),
-            journal_check=str(old.provenance.get("journal_check", "")),
-            correction=_correction(old, change),
-        )
-        write_file(path, file, before_naming=lambda partial, checks: prove(partial, file, checks))
-    return FinishedPoint.of(old.id, path, quality)
+    return rebuild(path, path, _correction(old, change), old=old)
 
 
 def _correction(old: RecordedPoint, change: Change) -> Correction:
@@ -152,41 +127,6 @@ def _correction(old: RecordedPoint, change: Change) -> Correction:
         "rewritten_to_displacement_delay_s": delays.displacement.value_s,
     }
     return Correction(delays, None, change.instruments, attributes)
-
-
-def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:
-    """What the point's journal said besides its samples.
-
-    Raises:
-        FileProblem: the file does not hold it.
-    """
-    provenance = old.provenance
-    with opened(path) as file:
-        group = file["entry/events"]
-        if "host_ns" not in group or "journal_end" not in provenance:
-            raise FileProblem(str(path), ["does not contain the data that are required to rebuild it; the file "
-                "is left unchanged"])
-        times = group["host_ns"][:].tolist()
-        texts = [[text.decode("utf-8", "replace") for text in group[name][:].tolist()] for name in ("code", "text")]
-    events = tuple(Event(time_ns, code, text.strip()) for time_ns, code, text in zip(times, *texts, strict=True))
-    return JournalContent(
-        str(provenance["context"]), np.zeros(0, RECORD_DTYPE), events, json.loads(str(provenance["journal_end"])),
-        int(provenance.get("journal_missing_blocks", 0)), int(provenance.get("journal_damaged_bytes", 0)),
-    )
-
-
-def _received(path: Path) -> Iterator[NDArray[Any]]:
-    """Every record of a file, a part at a time, channel by channel, as they came out of the ring."""
-    with opened(path) as file:
-        raw = file["entry/raw"]
-        for name, channel in raw.items():
-            number = channel_number(name)
-            for rows in parts(len(channel["value"])):
-                records = np.zeros(len(channel["value"][rows]), RECORD_DTYPE)
-                for key in ("host_ns", "device_us", "value", "sequence", "flags"):
-                    records[key] = channel[key][rows]
-                records["channel"] = number
-                yield records
 
 
 def judge_together(points_folder: Path) -> Iterator[FinishedPoint]:
