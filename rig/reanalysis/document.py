@@ -93,6 +93,10 @@ def changes(result: Reanalysis, most: int | None) -> Blocks:
     blocks: Blocks = []
     if not result.changed:
         blocks.append(Note(GOOD, "No verdict, sample, characteristic or fitted value has changed."))
+    before, after = result.specimen
+    if before != after:
+        text = f"Verdict on the specimen: {before or 'none'} before, {after or 'none'} now"
+        blocks.append(Note(GOOD if after == "ok" else POOR, text))
     blocks += _points(result.changed_points, most)
     blocks += _values("Characteristics", result.characteristics, most)
     before, after = result.models

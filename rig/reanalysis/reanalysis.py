@@ -20,6 +20,7 @@ from rig import version
 from rig.campaign_folder import CampaignFolder, held_inodes, run_path
 from rig.characteristics import characterise
 from rig.clock import utc_now
+from rig.comparison.specimen import read_specimen
 from rig.document import html
 from rig.errors import DataWarning, FileProblem, Refused, RigError
 from rig.fits.fit_record import FitRecord, fit_in
@@ -192,9 +193,20 @@ def _made(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
         written_report(stage)
+    result = replace(result, specimen=(_specimen(folder), _specimen(target)))
     result = _with_characteristics(result, folder, stage)
     write_text_durably(target.reanalysis_page, html.page(reanalysis_document(result, new)))
     return result
+
+
+def _specimen(folder: CampaignFolder) -> str:
+    """The verdict on the specimen in `acceptance.json`; empty without a readable one."""
+    if not folder.acceptance.is_file():
+        return ""
+    try:
+        return str(read_specimen(folder.path).verdict)
+    except FileProblem:
+        return ""
 
 
 def _software_of(points: Iterable[RecordedPoint]) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ class Reanalysis:
         characteristics: numbers that have changed.
         fit: parameters and error of the fit that have changed.
         models: models of the original and of the new fit; empty: none.
+        specimen: verdicts on the specimen before and now; empty: no acceptance bands, or no verdict yet.
         left_out: files of points that could not be made again, and why.
         remarks: what must be known before the differences are believed.
         fit_error: why there is no new fit although one was expected; empty otherwise.
@@ -40,6 +41,7 @@ class Reanalysis:
     characteristics: tuple[ValueChange, ...] = ()
     fit: tuple[ValueChange, ...] = ()
     models: tuple[str, str] = ("", "")
+    specimen: tuple[str, str] = ("", "")
     left_out: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     fit_error: str = ""
@@ -53,7 +55,7 @@ class Reanalysis:
     @property
     def changed(self) -> bool:
         """Whether any result differs."""
-        return bool(self.changed_points or self.characteristics or self.fit)
+        return bool(self.changed_points or self.characteristics or self.fit or self.specimen[0] != self.specimen[1])
 
     def to_json(self) -> dict[str, Any]:
         """Plain types without NaN; the keys are in `docs/json.md`."""
@@ -64,6 +66,7 @@ class Reanalysis:
             "characteristics": [one.to_json() for one in self.characteristics],
             "fit": [one.to_json() for one in self.fit],
             "models": {"before": self.models[0] or None, "after": self.models[1] or None},
+            "specimen": {"before": self.specimen[0] or None, "after": self.specimen[1] or None},
             "left_out": list(self.left_out), "remarks": list(self.remarks), "fit_error": self.fit_error or None,
             "error": self.error or None,
         }  # fmt: skip
