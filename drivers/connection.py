@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -142,11 +143,12 @@ class CanAddress:
 def modbus_line(url: str) -> str:
     """Common part of the addresses of devices on one Modbus connection: host and port, or serial port.
 
-    The addresses `/dev/ttyUSB0` of a sensor and `modbus-rtu:/dev/ttyUSB0` of an output are the same line.
+    The addresses `/dev/ttyUSB0` of a sensor and `modbus-rtu:/dev/ttyUSB0` of an output are the same line, and so is a
+    name under `/dev/serial/by-id` that currently leads to this port.
     """
     for prefix in (f"{LinkKind.MODBUS_RTU}:", f"{LinkKind.MODBUS_TCP}://", "socket://"):
         url = url.removeprefix(prefix)
-    return url.casefold() if not url.startswith("/") else url
+    return url.casefold() if not url.startswith("/") else os.path.realpath(url)
 
 
 def draw_owner_id() -> int:

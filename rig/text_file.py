@@ -138,7 +138,7 @@ class FirstRead:
     """
 
     def __init__(self) -> None:
-        self._contents: dict[str, bytes] = {}
+        self._contents: dict[str, tuple[bytes, int]] = {}
         self._tokens: list[Token[FirstRead | None]] = []
 
     def __enter__(self) -> None:
@@ -161,9 +161,11 @@ class FirstRead:
             OSError: as `open_regular`.
         """
         name = os.path.realpath(path)
-        if name not in self._contents:
-            self._contents[name] = _content(path, limit_bytes)
-        return self._contents[name]
+        content, limit = self._contents.get(name, (b"", -1))
+        if len(content) > limit and limit_bytes > limit:  # not read yet, or only its beginning
+            content = _content(path, limit_bytes)
+            self._contents[name] = content, limit_bytes
+        return content[: limit_bytes + 1]
 
 
 _FIRST_READ: ContextVar[FirstRead | None] = ContextVar("_FIRST_READ", default=None)

@@ -18,6 +18,7 @@ from drivers.catalogue import (
 )
 from drivers.connection import ActuatorAddress, LinkKind, modbus_line
 from drivers.sensor_formats import described_format, is_can, registers_of
+from protocols.binary_format import Registers
 from protocols.can_frame import EXTENDED, decode_requests
 from protocols.descriptions import Problem
 from protocols.j1939 import parameter_group
@@ -41,6 +42,8 @@ MIN_SHARE_OF_RANGE = 0.001
 """A controller's coarse force input is not better than that."""
 
 
+FASTEST_MODBUS_Hz = 1000.0
+"""Of a network: each reading is a request and an answer, sent one at a time."""
 FRAMING_OF = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
 
 
@@ -182,7 +185,7 @@ class Bench(Section):
         owners: dict[tuple[str, object], str] = {}
         lines: dict[str, tuple[str, object]] = {}
         if self.ecu.url is None and not self.ecu.by_hand and self.ecu.interface is not None:
-            lines[self.ecu.port] = "ecu", (self.ecu.bitrate, self.ecu.interface_options)
+            lines[modbus_line(self.ecu.port)] = "ecu", (self.ecu.bitrate, self.ecu.interface_options)
         for place, sensor in self._sensors().items():
             name, key = str(place[0]), "interface" if sensor.bus is not None else "url"
             # A CAN bus, Modbus server or Modbus RTU line may have several sensors, each with its own reading.
@@ -205,7 +208,9 @@ class Bench(Section):
                 what = "bitrate and interface_options" if sensor.bus is not None else "baudrate, parity and stop bits"
                 problems.append(((*place, key), f"is shared with [{owner}], but {what} differ"))
         problems += self._shared_modbus()
-        if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
+        rtu = "modbus-rtu:"
+        both = (self.ecu.url or "").startswith(rtu) and self.actuator.url.startswith(rtu)
+        if both and modbus_line(self.ecu.url or "") == modbus_line(self.actuator.url):
             text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
             problems.append((("ecu", "url"), text))
         return problems
@@ -324,6 +329,11 @@ class Bench(Section):
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
         for place, sensor in self._sensors().items():
+            if (registers := registers_of(sensor.described)) is not None:
+                highest_Hz = _highest_rate_Hz(sensor, registers)
+                if sensor.rate_Hz > highest_Hz:
+                    message = f"is too high for one Modbus request per reading; allowed: at most {highest_Hz:.0f} Hz"
+                    problems.append(((*place, "rate"), message))
             shortest = 2.0 / (sensor.rate_Hz * self.clock.device_rate)
             if sensor.stale_after_s < shortest:
                 message = f"is shorter than two samples; allowed: at least {units.show(shortest, 'ms')}"
@@ -349,3 +359,16 @@ class Bench(Section):
             message = f"is too long for an ECU with a time-out of {waits}; allowed: at most {longest}"
             return [(("ecu", "command_period"), message)]
         return []
+
+
+def _highest_rate_Hz(sensor: SensorConfig, registers: Registers) -> float:
+    """Largest number of Modbus requests and answers per second that the sensor's line can carry, Hz.
+
+    MODBUS over Serial Line V1.02, 2.5.1: a request of 8 and an answer of 5 bytes in addition to the registers, and a
+    pause of 3.5 characters after each.
+    """
+    if not registers.rtu or sensor.port.startswith("socket://"):
+        return FASTEST_MODBUS_Hz
+    character_bits = 1 + sensor.data_bits + (sensor.parity != "N") + sensor.stop_bits
+    characters = 8 + 5 + 2 * registers.count + 2 * 3.5
+    return min(FASTEST_MODBUS_Hz, sensor.baudrate / (character_bits * characters))

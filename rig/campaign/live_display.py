@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.campaign.results import NOT_RUN, CampaignResult, PointResult
-from rig.campaign.sequencer.state import Phase, phase_kind
+from rig.campaign.sequencer.state import Phase, PhaseKind, phase_kind
 from rig.clock import monotonic_ns, utc_now
 from rig.matrix.plan import Plan
 from rig.recording.quality.stopped_point import was_stopped
 from rig.station.live_folder import PLAN, RESULTS, STATE, replace_json
 
 KEPT_MESSAGES = 40
-MOVING = frozenset({Phase.RUNNING, Phase.STEPPING, Phase.WARMING, Phase.ADAPTING})
-"""Phases in which an earlier stop is over."""
 
 
 class LiveDisplay:
@@ -67,7 +65,7 @@ class LiveDisplay:
         self._state |= {"phase": text, "kind": str(phase_kind(text))}
         if text == Phase.STOPPING:
             self._state["stopping"] = True
-        elif text in MOVING:
+        elif phase_kind(text) is PhaseKind.MOVING:
             self._state["stopping"] = False  # it goes on, after a stop that was repeated without asking
         self._write()
 

@@ -27,8 +27,22 @@ from simulators.toml_text import toml_text
 
 USUAL = "usual"
 KINDS = (USUAL, "streamed", "signal", "hybrid", "supply", "output", "by-hand")
-STREAMED_MAPS = ("demo-streamed", "float-drive", "delta-rmc")
+DRIVE = "cia402-drive"
+STREAMED_MAPS = ("demo-streamed", "float-drive", "delta-rmc", DRIVE)
 """Controllers without a function generator."""
+DRIVES_SHARE = CAN_SENSORS_SHARE = 0.25
+"""Of the streamed benches; of the benches with an ECU. Drawn from streams of their own, so the rest of a seed stays."""
+CAN_FORMATS: Mapping[str, tuple[dict[str, Any], float]] = {
+    "load_cell": ({
+        "id": 0x181, "length": 6, "unit": "N",
+        "fields": {"value": {"at": 0, "type": "i32", "scale": 0.1}, "sequence": {"at": 4, "type": "u8"}},
+    }, 1.0),
+    "lvdt": ({
+        "id": 0x182, "length": 4, "order": "big", "unit": "mm",
+        "fields": {"value": {"at": 0, "type": "i32", "scale": 0.0001}},
+    }, 0.001),
+}  # fmt: skip
+"""Format and sensitivity of each sensor on the ECU's bus."""
 GENERATOR = "demo"
 SUPPLIES = ("generic-scpi", "keysight-e36300", "rs-hmp", "tdk-genesys")
 VOLTAGE_LIMIT = "6 V"
@@ -59,6 +73,7 @@ OUTPUT: dict[str, Any] = {
     "identity": {"kind": 77},
 }
 MEASURED = {"measured_current": {"address": 30001, "function": "input", "type": "f32", "unit": "mA"}}
+SERIAL_KEYS = frozenset({"url", "baudrate", "parity", "format", "calibration"})
 _SIZE = re.compile(r'^((?:first_|last_)?(?:amplitude|height) = )(\[?)"([0-9.e+-]+) mm"(\]?)$', re.MULTILINE)
 
 
@@ -120,13 +135,16 @@ def drawn_rig(seed: int, actuator: str = "") -> DrawnRig:
     if kind == USUAL and chance.random() < 0.5:  # the other half has the example's controller and drawn limits
         return DrawnRig()
     streamed = kind in {"streamed", "signal", "hybrid"} or (kind != USUAL and chance.random() < 0.5)
-    register_map = chance.choice(STREAMED_MAPS) if streamed else GENERATOR
+    register_map = chance.choice(STREAMED_MAPS[:-1]) if streamed else GENERATOR
+    if streamed and random.Random(f"drive {seed}").random() < DRIVES_SHARE:
+        register_map = DRIVE
     slow = chance.random() < 0.15 and kind not in {"signal", "hybrid"}  # they need more set-points than RTU carries
     link = actuator or ("rtu" if slow else "tcp")
     motion = {"signal": _signal, "hybrid": _hybrid}.get(kind, _cycles)(chance)
     source, unmeasured = _source(kind, chance)
     bench = bench_file(
         register_map, link, _limits(motion, chance), source, fade_out_cycles=chance.choice((1.0, 1.0, 2.0)),
+        sensors={} if source else _can_sensors(random.Random(f"sensors {seed}")),
         halt_deceleration=f"{chance.choice((20, 20, 20, 5, 10, 40))} m/s^2",
     )  # fmt: skip
     return DrawnRig(
@@ -136,7 +154,7 @@ def drawn_rig(seed: int, actuator: str = "") -> DrawnRig:
 
 def bench_file(
     register_map: str, link: str = "tcp", limits: Mapping[str, Any] | None = None,
-    source: Mapping[str, Any] | None = None, **actuator: Any,  # noqa: ANN401 - entries of a TOML table
+    source: Mapping[str, Any] | None = None, sensors: Mapping[str, Any] | None = None, **actuator: Any,  # noqa: ANN401 - entries of a TOML table
 ) -> str:
     """Text of a bench file: the usual rig's with other entries.
 
@@ -145,12 +163,18 @@ def bench_file(
         link: "tcp" or "rtu".
         limits: entries of [limits] in place of the usual ones.
         source: the whole table [ecu]; none: the demo ECU.
+        sensors: the format of each sensor on the ECU's CAN bus, by the name of the sensor.
         actuator: further entries of [actuator].
     """
     values = tomllib.loads(bench_text(RigOptions(), _addresses(link), 1.0, relaxed=False))
     values["limits"] |= limits or {}
     values["actuator"] |= {"register_map": register_map, **actuator}
     values["ecu"] = source or values["ecu"]
+    for name, described in (sensors or {}).items():
+        bus = {key: values["ecu"][key] for key in ("interface", "channel", "bitrate")}
+        kept = {key: value for key, value in values[name].items() if key not in SERIAL_KEYS}
+        calibration = {"serial_number": name, "sensitivity": CAN_FORMATS[name][1]}
+        values[name] = {**kept, **bus, "format": described, "calibration": calibration}
     return "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in values.items())
 
 
@@ -221,6 +245,16 @@ def _source(kind: str, chance: random.Random) -> tuple[dict[str, Any], bool]:
     if kind == "by-hand":
         return {"by_hand": True, "pressure_while_asked": chance.choice(("off", "off", "low"))}, True
     return {}, False
+
+
+def _can_sensors(chance: random.Random) -> dict[str, Any]:
+    """Formats of sensors on the ECU's bus, which send at their rate or on request; empty for serial sensors."""
+    if chance.random() >= CAN_SENSORS_SHARE:
+        return {}
+    return {
+        name: described | ({"request": "remote"} if chance.random() < 0.5 else {})
+        for name, (described, _) in CAN_FORMATS.items()
+    }
 
 
 def _limits(motion: Motion, chance: random.Random) -> Mapping[str, Any]:

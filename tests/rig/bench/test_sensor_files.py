@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.connection import modbus_line
 from drivers.sensor_formats import described_format
 from protocols.binary_format import BinaryFormat
 from rig.bench.model import Bench
@@ -123,6 +124,9 @@ def test_a_kept_bench_file_finds_every_file_wherever_it_was(
      "[ecu] uses framing tcp on the same connection"),
     ({"ecu": ("modbus-rtu:/dev/ttyUSB0", ""), "lvdt": ("/dev/ttyUSB0", 'address = 2, framing = "rtu"')}, "lvdt.url",
      "921600 Bd and parity N here, 9600 Bd and parity N for [ecu]"),
+    ({"lvdt": ("/dev/ttyUSB7\"\nbaudrate = 9600\nparity = \"N", 'address = 2, framing = "rtu"')}, "lvdt.rate",
+     "at most 40 Hz"),
+    ({"lvdt": ("modbus-tcp://192.168.0.40:502\"\nbandwidth = \"9 kHz", 'address = 2')}, "lvdt.rate", "at most 1000 Hz"),
 ])  # fmt: skip
 def test_what_cannot_be_on_one_modbus_connection_is_refused(
     tmp_path: Path, edits: dict[str, tuple[str, str]], place: str, text: str
@@ -133,12 +137,26 @@ def test_what_cannot_be_on_one_modbus_connection_is_refused(
         assert head in written
         written = written.replace(head, f'[{table}]\nurl = "{url}"')
         written = written.replace("address = 2", entries) if entries else written
+        written = written.replace('rate = "100 Hz"', 'rate = "5 kHz"') if place == "lvdt.rate" else written
     (tmp_path / "labjack-output.toml").write_bytes((EXAMPLES / "labjack-output.toml").read_bytes())
     (tmp_path / "bench.toml").write_text(written, encoding="utf-8")
     with pytest.raises(FileProblem) as error:
         Bench.load(tmp_path / "bench.toml")
     assert place in str(error.value)
     assert text in str(error.value)
+
+
+def test_a_port_s_name_and_a_link_to_it_are_one_line(tmp_path: Path) -> None:
+    port, link = tmp_path / "ttyUSB0", tmp_path / "by-id"
+    port.touch()
+    link.symlink_to(port)
+    text = (EXAMPLES / "labjack-bench.toml").read_text(encoding="utf-8")
+    text = text.replace('url = "modbus-tcp://192.168.0.40:502"', f'url = "modbus-rtu:{port}"', 1)
+    text = re.sub(r'(\[actuator\]\nurl = )".*"', rf'\1"modbus-rtu:{link}"', text)
+    (tmp_path / "labjack-output.toml").write_bytes((EXAMPLES / "labjack-output.toml").read_bytes())
+    (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
+    assert any("ecu.url" in problem and "cannot be shared" in problem for problem in refused(tmp_path / "bench.toml"))
+    assert modbus_line(f"modbus-rtu:{link}") == modbus_line(str(port))
 
 
 @pytest.mark.parametrize(("identifier", "request_"), [

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from rig.campaign import CampaignResult, PointResult
+from rig.campaign import CampaignResult, PointResult, live_display
 from rig.campaign.operator_link import GuardedDisplay
 from rig.campaign.point_results import PointResults
 from rig.campaign.stop_cause import StopCause
 from rig.matrix.plan import Plan
+from rig.station.live_folder import STATE
 from rig.test_point import TestPoint
 
 RESULT = CampaignResult(Path("c"), (), 2, 2, "safe", None, "", refused=False, wall_s=1.0, motion_s=1.0)
@@ -59,6 +61,14 @@ def test_a_broken_display_goes_dark_and_is_not_queried_again() -> None:
     display.close(5.0)
     assert broken.calls == 1
     assert "no terminal" in display.failed
+
+
+def test_centring_ends_the_stop_that_was_repeated(tmp_path: Path) -> None:
+    shown = live_display.LiveDisplay(tmp_path, dict)
+    cooling = "waiting at rest for the ECU to cool down"
+    for phase, stopping in (("running", False), ("stopping", True), (cooling, True), ("centring", False)):
+        shown.phase(phase)
+        assert json.loads((tmp_path / STATE).read_text(encoding="utf-8"))["stopping"] is stopping
 
 
 class Standing(Broken):

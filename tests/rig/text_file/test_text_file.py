@@ -9,7 +9,19 @@ from pathlib import Path
 import pytest
 
 from rig.errors import FileProblem
-from rig.text_file import read_json, read_text
+from rig.text_file import FirstRead, read_json, read_text
+
+
+def test_a_small_limit_of_the_first_read_does_not_limit_a_later_one(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"0123456789")
+    first = FirstRead()
+    assert first.read(path, 3) == b"0123", "one byte more than the limit"
+    assert first.read(path, 20) == b"0123456789"
+    path.write_bytes(b"changed")
+    assert first.read(path, 3) == b"0123"
+    assert first.read(path, 50) == b"0123456789", "the content at the first complete read"
+
 
 HOSTILE = {
     "nothing": (b"", "not valid JSON"),

@@ -163,6 +163,10 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     assert {given.kind for given in plans} == set(KINDS), "each kind of rig"
     assert min(Counter(given.kind for given in plans).values()) > 25, "in equal parts"
     streamed = [given for given in plans if "STREAMED" in given.bench.upper() or "float-drive" in given.bench]
+    assert sum('"cia402-drive"' in given.bench for given in plans) > 5
+    on_can = [given.bench for given in plans if "i32" in given.bench and "0.0001" in given.bench]
+    assert len(on_can) > 5, "sensors on CAN"
+    assert 0 < sum("remote" in bench for bench in on_can) < len(on_can), "some are polled"
     gaps = [one.lasts_s for given in streamed for one in given.events if one.what in GAPS and one.lasts_s]
     assert len(gaps) > 30
     assert min(gaps) < 0.05 < 0.5 < max(gaps), "gaps of some milliseconds, and of a second"
