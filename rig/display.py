@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
-from rig.units import UNITS
+from rig.units import UNITS, symbol
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,6 +40,14 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "positive": get_args(Positive), "paper": get_args(Paper),
 }
 """Entry of `[display]` -> the values that it may have."""
+
+
+def spelt(value: object) -> object:
+    """An entry of `[display]` in the spelling of `CHOICES`: "lbs" is lbf, "Letter" is letter; others as they are."""
+    if not isinstance(value, str):
+        return value
+    sizes = {size.casefold(): size for size in get_args(Paper)}
+    return sizes.get(value.strip().casefold()) or symbol(value.strip())
 
 
 @dataclass(frozen=True)
@@ -117,7 +125,7 @@ class Display:
         Raises:
             ValueError: an entry is unknown or has no such value; the message says what is allowed.
         """
-        entries = {name: value for table in tables for name, value in table.items() if value is not None}
+        entries = {name: spelt(value) for table in tables for name, value in table.items() if value is not None}
         for name, value in entries.items():
             if name not in CHOICES:
                 raise ValueError(f"[display] {name}: unknown key; allowed here: {', '.join(CHOICES)}")

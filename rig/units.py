@@ -114,10 +114,16 @@ def unit_named(text: str) -> Unit | None:
 
     The parts of a quotient may be written out: "inch/sec".
     """
+    return UNITS.get(symbol(text))
+
+
+def symbol(text: str) -> str:
+    """The symbol in `UNITS` of a unit in another spelling ("lbs": "lbf"); a text that is not known as it is."""
     name = ALIASES.get(text, text)
-    if name not in UNITS:
-        name = "/".join(WORDS.get(part.casefold(), part) for part in text.split("/"))
-    return UNITS.get(name)
+    if name in UNITS:
+        return name
+    name = "/".join(WORDS.get(part.casefold(), part) for part in text.split("/"))
+    return name if name in UNITS else text
 
 
 def parse(text: object, dimension: str) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,10 +32,12 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import find_cycles, full_cycles
-from rig.signals.test_set import TestSet
+from rig.signals.test_set import MOTION_SHARE, TestSet, are_separable
 from rig.test_point import LOOP
 
 FEWEST_SAMPLES = 10
+SHOWN = 4
+"""Most tests listed in a remark."""
 DOUBTS = frozenset({"few-cycles", "no-repeat", "one-cycle-no-series", "time-errors"})
 """Warnings of a test's preparation that its standard values are to be read with."""
 
@@ -150,10 +152,25 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
             left_out.append(f"{point.id}: {error}")
     lag, refused = lag_of(run.usable)
     placed, groups = _placed(loops)
+    remarks += _merged(loops, groups)
     return Characteristics(
         placed, tuple(dynamic_range(placed)), tuple(friction), lag, (*left_out, *refused), tuple(remarks),
         groups if loops else None,
     )  # fmt: skip
+
+
+def _merged(loops: Sequence[LoopCharacteristics], groups: TestSet) -> Iterator[str]:
+    """Remarks on tests of one motion whose measured frequencies can be separated: repeats, or two tested motions."""
+    motions = groups.motions
+    for number in range(len(motions)):
+        members = [loops[k] for k in motions.members(number) if loops[k].motion_read.requested is None]
+        values = [loop.motion_read.frequency_Hz for loop in members if math.isfinite(loop.motion_read.frequency_Hz)]
+        if values and are_separable(min(values), max(values), max(one.motion_read.frequency_std_Hz for one in members)):
+            yield (
+                f"{', '.join(loop.id for loop in members[:SHOWN])}{' ...' * (len(members) > SHOWN)}: frequencies of "
+                f"{min(values):.4g} to {max(values):.4g} Hz are evaluated as repeats of one motion, because they "
+                f"differ by less than {100 * MOTION_SHARE:.0f} %"
+            )
 
 
 def _placed(loops: Sequence[LoopCharacteristics]) -> tuple[tuple[LoopCharacteristics, ...], TestSet]:

@@ -120,15 +120,16 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: column separator (one character, tab or "
     "space).")
-@click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal separator.")
+@click.option("--decimal", type=click.Choice([".", ","]),
+              help="Decimal separator of a CSV file, or of the text cells of a workbook.")
 @click.option(
     "--thousands", type=click.Choice([",", ".", "'", "space", "none"]),
     help="CSV: thousands separator (space includes the no-break space).",
 )
 @click.option(
     "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
-    help="How to treat rows of text between or after rows of numbers (reject the file, skip these rows, or split "
-    "the file at these rows into several tests).",
+    help="CSV, workbook: how to treat rows of text between or after rows of numbers (reject the file, skip these rows, "
+    "or split the file at these rows into several tests).",
 )
 @click.option("--sheet", metavar="NAME", help="Excel: sheet that contains the test; all: one test for each sheet that "
                                               "contains a table.")

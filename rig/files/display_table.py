@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from rig.display import FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, Display, Paper, Positive
+from rig.display import FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, Display, Paper, Positive, spelt
 from rig.files.section import Section
 
 ForceUnit = Literal[FORCE_UNITS]  # type: ignore[valid-type]  # one list serves the schema and the message
@@ -31,6 +31,12 @@ class DisplayTable(Section):
         default=None, description="direction in which force, displacement and speed are positive; default: rebound"
     )
     paper: Paper | None = Field(default=None, description="paper size of printed reports and PDF files; default: A4")
+
+    @field_validator("force", "displacement", "speed", "temperature", "paper", mode="before")
+    @classmethod
+    def _spelling(cls, value: object) -> object:
+        """Other spellings are accepted, as in quantities."""
+        return spelt(value)
 
 
 def display_of(*tables: DisplayTable) -> Display:

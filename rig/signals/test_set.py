@@ -38,6 +38,10 @@ ZERO_A, ZERO_SHARE = 0.01, 0.01
 """Offset of a current measurement without current: absolute, and of the greatest current of the set."""
 MOTION_SHARE = 0.02
 """Relative difference of measured amplitude or frequency within which a machine repeated one motion."""
+TESTED_SHARE = 0.003
+"""Smallest relative difference of two measured frequencies that were tested as different ones, if each was repeated."""
+CLEAR_GAP, LEAST_REPEATS = 8.0, 2
+"""Gap between two tested frequencies, in widths of the repeats and in standard uncertainties; and tests of each."""
 REQUEST_SHARE = 1e-4
 """The same of requested ones, which are exact numbers."""
 MISSED_SHARE = 0.5
@@ -503,11 +507,37 @@ def _of_waveform(readings: Sequence[MotionReading], own: Sequence[int]) -> list[
     frequencies = _grouped(
         without, [readings[k].frequency_Hz for k in without], [_frequency_width_Hz(readings[k]) for k in without]
     )[0]
-    for one in frequencies:
+    for one in (piece for chain in frequencies for piece in _tight(chain, readings)):
         groups += _grouped(
             one, [readings[k].amplitude_m for k in one], [_amplitude_width_m(readings[k]) for k in one]
         )[0]  # fmt: skip
     return groups
+
+
+def are_separable(low_Hz: float, high_Hz: float, noise_Hz: float) -> bool:
+    """Whether two measured frequencies with this standard uncertainty were tested as different ones, if repeated."""
+    return high_Hz - low_Hz > max(TESTED_SHARE * high_Hz, CLEAR_GAP * noise_Hz)
+
+
+def _tight(group: Sequence[int], readings: Sequence[MotionReading]) -> list[Sequence[int]]:
+    """Tests of near frequencies, apart where each of several frequencies was repeated exactly.
+
+    A generator repeats a frequency exactly, whatever the force; so two clusters of repeats that are far narrower than
+    the gap between them are two tested frequencies. Amplitudes droop with the force and are not separated like this.
+    """
+    order = sorted(group, key=lambda k: readings[k].frequency_Hz)
+    values = [readings[k].frequency_Hz for k in order]
+    places = range(LEAST_REPEATS, len(order) - LEAST_REPEATS + 1)
+    for place in sorted(places, key=lambda at: values[at - 1] - values[at]):  # the widest gap first
+        gap_Hz = values[place] - values[place - 1]
+        noise_Hz = max(readings[k].frequency_std_Hz for k in order)
+        if not are_separable(values[place - 1], values[place], noise_Hz):
+            break
+        low, high = _tight(order[:place], readings), _tight(order[place:], readings)
+        spans_Hz = [readings[part[-1]].frequency_Hz - readings[part[0]].frequency_Hz for part in (*low, *high)]
+        if gap_Hz > CLEAR_GAP * max(spans_Hz):
+            return [*low, *high]
+    return [order]
 
 
 def mean_current(group: Sequence[CurrentReading]) -> CurrentReading:

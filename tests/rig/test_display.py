@@ -58,6 +58,18 @@ def test_bench_and_matrix_may_state_it_and_no_digest_depends_on_it(tmp_path: Pat
     assert run_display(tmp_path).usual
 
 
+def test_units_and_paper_are_accepted_in_their_other_spellings(tmp_path: Path) -> None:
+    matrix = tmp_path / "matrix.toml"
+    entries = 'force = "lbs"\ndisplacement = "inch"\nspeed = "inch/sec"\ntemperature = "deg F"\npaper = "Letter"\n'
+    matrix.write_text(f"[display]\n{entries}")
+    shown = run_display(tmp_path)
+    assert (shown.force_unit, shown.displacement_unit, shown.speed_unit) == ("lbf", "in", "in/s")
+    assert (shown.temperature_unit, shown.paper) == ("degF", "letter")
+    bench = tmp_path / "bench.toml"
+    bench.write_text((EXAMPLES / "demo-bench.toml").read_text() + f"[display]\n{entries}")
+    assert Bench.load(bench).display.paper == "letter"
+
+
 def test_a_unit_of_another_quantity_is_refused_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text((EXAMPLES / "demo-bench.toml").read_text() + '[display]\nspeed = "in"\n')

@@ -83,7 +83,7 @@ def open_workbook(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, S
         raise FileProblem(str(file), unreadable("workbook", error)) from error
     if find_spec("python_calamine") is None:
         raise FileProblem(str(file), [f"this file is an {kind}; workbooks require python-calamine: {INSTALL_FILES}"])
-    sheets = {sheet.name: sheet for sheet in _sheets(file, data, kind)}
+    sheets = {sheet.name: sheet for sheet in _sheets(file, data, kind, stated.decimal)}
     if stated.sheet in sheets:
         return [(stated.sheet, SheetFile(file, data, kind, sheets[stated.sheet], stated))]
     if stated.sheet not in {None, ALL_SHEETS}:
@@ -192,15 +192,21 @@ def _checked_kind(file: Path, data: bytes) -> str:
         return next((kind for part, kind in KINDS.items() if part in packed.namelist()), "Excel workbook")
 
 
-def _sheets(file: Path, data: bytes, kind: str) -> Iterator[Sheet]:
-    """All sheets of a workbook.
+def _sheets(file: Path, data: bytes, kind: str, decimal: str | None) -> Iterator[Sheet]:
+    """All sheets of a workbook, numbers in text cells with a decimal point.
+
+    Args:
+        file: of the content.
+        data: the content.
+        kind: what kind of workbook it is, in words.
+        decimal: decimal separator of the text cells, as the user states it.
 
     Raises:
         FileProblem: the child process reports a problem, or has been ended by its limits.
     """
     done = subprocess.run(
         own_program("rig.recording.file_formats.workbook_rows", str(table_file.MOST_NUMBERS // CELL_NUMBERS),
-                    str(MOST_COLUMNS)),
+                    str(MOST_COLUMNS), *([] if decimal is None else [decimal])),
         input=data, capture_output=True, check=False,
     )  # fmt: skip
     lines = done.stdout.decode("utf-8", "replace").split("\n")

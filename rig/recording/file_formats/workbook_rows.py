@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import sys
 from datetime import date, datetime, time, timedelta
 
@@ -20,16 +21,18 @@ MEMORY_BYTES, CPU_S = 2 << 30, 120
 """Limits of this process, where the operating system has them."""
 
 
-def main(most_cells: int, most_columns: int) -> None:
+def main(most_cells: int, most_columns: int, decimal: str = "") -> None:
     """Write the rows of the workbook on standard input to standard output.
 
     Args:
         most_cells: more are a problem.
         most_columns: cells of a row to the right of these are left out.
+        decimal: decimal separator of numbers in cells that contain text; empty: not stated.
     """
     from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
     cells = 0
+    number = number_pattern(decimal)
     book = CalamineWorkbook.from_filelike(io.BytesIO(sys.stdin.buffer.read()))
     for one in book.sheets_metadata:
         if one.typ != SheetTypeEnum.WorkSheet:
@@ -44,14 +47,28 @@ def main(most_cells: int, most_columns: int) -> None:
         hidden = one.visible != SheetVisibleEnum.Visible
         _write({"name": one.name, "hidden": hidden, "lines": bottom + 1, "merged": merged})
         for row in opened.iter_rows():  # begins at the first row, but at the first column that is used
-            sys.stdout.write("\t" * left + "\t".join(map(_text, row[:most_columns])) + "\n")
+            sys.stdout.write("\t" * left + "\t".join(cell_text(cell, number) for cell in row[:most_columns]) + "\n")
 
 
 def _write(line: dict[str, object]) -> None:
     sys.stdout.write(json.dumps(line) + "\n")
 
 
-def _text(cell: object) -> str:
+def number_pattern(decimal: str) -> re.Pattern[str] | None:
+    """Matches a number with this decimal separator, whose thousands may be separated by the other one."""
+    if not decimal:
+        return None
+    other = re.escape({",": ".", ".": ","}[decimal])
+    return re.compile(rf"([+-]?(?:\d{{1,3}}(?:{other}\d{{3}})+|\d*))(?:{re.escape(decimal)}(\d*))?([eE][+-]?\d+)?")
+
+
+def cell_text(cell: object, number: re.Pattern[str] | None) -> str:
+    """Text of a cell, with a decimal point in numbers.
+
+    Args:
+        cell: value of the cell.
+        number: pattern of a number in a cell that contains text; None: such cells are not converted.
+    """
     if isinstance(cell, bool):
         return str(int(cell))
     if isinstance(cell, (int, float)):
@@ -65,7 +82,12 @@ def _text(cell: object) -> str:
         return cell.replace(tzinfo=None).isoformat("microseconds")
     if isinstance(cell, date):
         return f"{cell.isoformat()} 00:00:00.000000"
-    return " ".join(str(cell).split()).replace('"', "''")
+    text = " ".join(str(cell).split())
+    written = number.fullmatch(text) if number is not None and any(map(str.isdigit, text)) else None
+    if written is not None:
+        whole, fraction, exponent = (part or "" for part in written.groups())
+        return f"{whole.replace(',', '').replace('.', '')}{'.' * bool(fraction)}{fraction}{exponent}"
+    return text.replace('"', "''")
 
 
 def limit() -> None:
@@ -83,7 +105,7 @@ if __name__ == "__main__":
     limit()
     sys.stdout = io.TextIOWrapper(sys.stdout.buffer, "utf-8", "replace", newline="\n")
     try:
-        main(int(sys.argv[1]), int(sys.argv[2]))
+        main(int(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:])
     except Exception as error:  # noqa: BLE001 - whatever a damaged file makes of the library; reported by the parent
         _write({"error": f"{type(error).__name__}: {error}"})
     sys.stdout.flush()

@@ -23,6 +23,7 @@ from rig.errors import FileProblem
 from rig.recording.external_tests import ImportedTest, ImportSettings, read_tests
 from rig.recording.file_formats.rpc3_file import Rpc3Channel, Rpc3File, encoded
 from rig.recording.file_formats.table_file import Dialect
+from rig.recording.file_formats.workbook_rows import cell_text, number_pattern
 
 ROWS = 500
 T = np.arange(ROWS) * 0.005
@@ -76,6 +77,24 @@ def test_the_table_of_a_workbook_is_read(rows: list[list[object]], columns: dict
     (test,) = read(workbook(tmp_path / "a.xlsx", {"Notes": notes, "Run 1": rows}), columns)
     check(test, SHEET)
     assert "Excel workbook, sheet 'Run 1'" in test.read_as
+
+
+def test_numbers_in_text_cells_have_the_stated_decimal_separator(tmp_path: Path) -> None:
+    text = [TABLE[0], *([one if place == 0 else f"{one:.9f}".replace(".", ",") for place, one in enumerate(row)]
+                        for row in TABLE[1:] if isinstance(row[0], (int, float)))]  # fmt: skip
+    path = workbook(tmp_path / "a.xlsx", {"Run": text})
+    with pytest.raises(FileProblem, match="is not a number"):
+        read(path, COLUMNS)
+    (test,) = read(path, COLUMNS, decimal=",")
+    check(test, len(text) - 1)
+
+
+@pytest.mark.parametrize(("decimal", "cell", "text"), [
+    (",", "1.234,5", "1234.5"), (",", "-0,25e3", "-0.25e3"), (",", "12", "12"), (",", "1.234", "1234"),
+    (",", 1.234, "1.234"), (".", "1,234.5", "1234.5"), (",", "1.2", "1.2"), (",", "a,b", "a,b"), ("", "1,5", "1,5"),
+])  # fmt: skip
+def test_a_text_cell_is_a_number_in_the_stated_notation_only(decimal: str, cell: object, text: str) -> None:
+    assert cell_text(cell, number_pattern(decimal)) == text
 
 
 def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:

@@ -138,6 +138,18 @@ def test_measured_motions_are_grouped_by_amplitude_frequency_and_waveform() -> N
     assert groups.amplitude_m(0) == groups.amplitude_m(1), "one stroke at two frequencies"
 
 
+def test_near_frequencies_that_were_each_repeated_exactly_are_two_motions() -> None:
+    low, high = [0.32003, 0.32004, 0.32003], [0.32514, 0.32515, 0.32515]  # 1.6 % apart: 0.05 m/s and 2 in/s
+    groups = motion_groups([motion(24.8, frequency_Hz) for frequency_Hz in (*low, *high)])
+    assert groups.of_test == (0, 0, 0, 1, 1, 1)
+    three = motion_groups([motion(24.8, one) for one in (1.0, 1.0001, 1.005, 1.0051, 1.012, 1.0121)])
+    assert three.of_test == (0, 0, 1, 1, 2, 2)
+    for scattered in ((0.320, 0.322, 0.325, 0.327), (0.320, 0.3252), (0.3200, 0.3201, 0.3205, 0.3206)):
+        assert set(motion_groups([motion(24.8, one) for one in scattered]).of_test) == {0}, "a machine's own scatter"
+    noisy = [MotionReading("sine", 0.0248, one, frequency_std_Hz=0.002) for one in (*low, *high)]
+    assert set(motion_groups(noisy).of_test) == {0}, "the frequencies are not known so well"
+
+
 def test_requested_motions_decide_however_far_a_servo_reached() -> None:
     reached = [MotionReading("sine", amplitude, 1.0, requested=(0.05, 1.0)) for amplitude in (0.0498, 0.0471)]
     groups = motion_groups([*reached, MotionReading("sine", 0.0484, 1.0), MotionReading("sine", 0.0601, 1.0)])
