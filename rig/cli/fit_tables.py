@@ -151,7 +151,7 @@ def _reasons(parameters: Mapping[str, Estimate]) -> list[str]:
 
 def _estimate(entry: Estimate) -> tuple[str, str]:
     value = "-" if entry.value is None else number(entry.value, 5)
-    if entry.identifiable and entry.low is not None and entry.high is not None:
+    if entry.has_interval:
         return value, f"{entry.low:.5g} to {entry.high:.5g}"
     if not entry.identifiable and entry.low is None and entry.high is not None:
         return value, f"below {entry.high:.5g}; not identifiable"

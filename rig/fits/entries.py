@@ -29,6 +29,8 @@ class Estimate:
         identifiable: whether these tests determine it.
         reason: why not; empty when they do.
         variance_inflation: by how much the other parameters widen its variance (1: not at all).
+        quantity: what value, interval and standard error describe if not the parameter alone, such as "c + c_b I at
+            I = 0.80 A"; empty for the parameter itself.
     """
 
     value: float | None
@@ -41,6 +43,13 @@ class Estimate:
     identifiable: bool = True
     reason: str = ""
     variance_inflation: float | None = None
+    quantity: str = ""
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether the tests determine the value, of the parameter or of `quantity`, with its standard error."""
+        known = self.standard_error is not None and self.low is not None and self.high is not None
+        return known and (self.identifiable or bool(self.quantity))
 
     def __float__(self) -> float:
         """The value; NaN where nothing can be said."""

@@ -149,8 +149,9 @@ def fit_content(fit: Mapping[str, Any], evaluation: Evaluation, equation: str) -
         flat |= {KEYS.get(name, name): value for name, value in fit[part].items()}
     holdout, error = flat.pop("holdout"), _errors(flat["error"])
     for entry in flat["parameters"].values():
-        if not entry["reason"]:
-            del entry["reason"]
+        for name in ("reason", "quantity"):
+            if not entry[name]:
+                del entry[name]
     for name in ("corrections", "cycles"):
         if not flat.get(name):
             flat.pop(name, None)

@@ -179,7 +179,7 @@ class FitRecord:
 
     @property
     def covariance(self) -> pd.DataFrame:
-        """Covariance (SI) of the parameters that these tests determine, (p, p), rows and columns by their names."""
+        """Covariance (SI) of the parameters and sums that these tests determine, (p, p), rows and columns by names."""
         import pandas as pd  # half a second that reading a fit does not need
 
         names, matrix = self.known_covariance()
@@ -188,7 +188,7 @@ class FitRecord:
     def known_covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
         rows, known = self.correlation, self.parameters
-        names = [name for name in self.identifiable if name in rows and known[name].standard_error is not None]
+        names = [name for name, one in known.items() if name in rows and one.has_interval]
         matrix = self.covariance_of(names)
         return ([], np.zeros((0, 0))) if matrix is None else (names, matrix)
 

@@ -113,7 +113,7 @@ def parameter_table(estimates: Mapping[str, Estimate]) -> Table:
 def _known(one: Estimate) -> tuple[str, str, str]:
     """Value, standard error and interval as text."""
     value, interval = between(one.value, one.low, one.high)
-    if not one.identifiable or one.low is None or one.high is None:
+    if not one.has_interval:
         value, interval = number(one.value, 4), "not determined"
         if one.high is not None and one.low is None:
             interval = f"below {number(one.high, 4)}"

@@ -94,9 +94,11 @@ def _measures(error: ErrorSummary) -> str:
 
 def _undetermined(fit: FitRecord) -> Iterator[Block]:
     """The parameters that the tests do not determine, those with the same reason together."""
+    sums = [f"{name}: value and interval of {one.quantity}" for name, one in fit.parameters.items() if one.quantity]
+    yield from _remarks("Not determined alone", sums, "fit.params")
     named: dict[str, list[str]] = {}
     for name, one in fit.parameters.items():
-        if not one.identifiable:
+        if not one.identifiable and not one.quantity:
             named.setdefault(one.reason.removeprefix(f"{name} ") or "no reason stated", []).append(name)
     texts = [f"{', '.join(names)}: {reason}" for reason, names in named.items()]
     yield from _remarks("Not determined", texts, "fit.params")

@@ -76,8 +76,8 @@ PARAMETERS = {
         "{name} not separable from {base}: every test ran at {mean_A:.2f} A. Fix: add tests at another current"
     ),
     "sum-at-one-current": (
-        "only the sum {base} + {name} I is identified because every test ran at I = {mean_A:.2f} A; the value is this "
-        "sum"
+        "only the sum {base} + {name} I is identified because every test ran at I = {mean_A:.2f} A; the value and its "
+        "interval apply to this sum"
     ),
     "one-frequency": (
         "m is not separable from {stiffness}: all tests ran at one frequency, where inertia and stiffness are "
@@ -90,7 +90,7 @@ PARAMETERS = {
     ),
     "difference-at-one-frequency": (
         "only the difference {stiffness} - m (2 pi f)^2 is identified because all tests ran at one frequency; the "
-        "value is this difference. Fix: add a test at another frequency"
+        "value and its interval apply to this difference. Fix: add a test at another frequency"
     ),
     "one-speed": (
         "{name} not identifiable: all tests ran at one speed, so the viscous and yield forces are not separable. Fix: "
@@ -129,6 +129,12 @@ PARAMETERS = {
     ),
 }
 """Why a parameter is not identified."""
+
+QUANTITIES = {
+    "sum-at-one-current": "{base} + {name} I at I = {mean_A:.2f} A",
+    "difference-at-one-frequency": "{stiffness} - m (2 pi f)^2",
+}
+"""Slug of a reason -> the quantity that the tests determine in place of the parameter."""
 
 WARNINGS = {
     "few-cycles": "number of full cycles: {cycles}; no cycle was discarded, so transients at the ends may remain",

@@ -91,8 +91,8 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
     known: list[list[Words]] = []
     unknown: list[list[Words]] = []
     for name, entry in fit.parameters.items():
-        meaning = meanings.get(name, "")
-        if entry.identifiable:
+        meaning = entry.quantity or meanings.get(name, "")
+        if entry.identifiable or entry.has_interval:
             value, interval = between(entry.value, entry.low, entry.high)
             known.append([name, value, interval, _half_percent(entry), *_bootstrapped(fit, name), entry.unit, meaning])
         else:

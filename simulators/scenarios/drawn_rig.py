@@ -91,6 +91,7 @@ class DrawnRig:
         supply: a supply, an output or a person drives the coil in place of an ECU.
         unmeasured: the coil's current is not measured.
         motion_s: how long the motions take, about (s).
+        polled: a sensor sends only on request.
     """
 
     kind: str = USUAL
@@ -102,6 +103,7 @@ class DrawnRig:
     supply: bool = False
     unmeasured: bool = False
     motion_s: float = 0.0
+    polled: bool = False
 
 
 @dataclass(frozen=True)
@@ -142,13 +144,15 @@ def drawn_rig(seed: int, actuator: str = "") -> DrawnRig:
     link = actuator or ("rtu" if slow else "tcp")
     motion = {"signal": _signal, "hybrid": _hybrid}.get(kind, _cycles)(chance)
     source, unmeasured = _source(kind, chance)
+    sensors = {} if source else _can_sensors(random.Random(f"sensors {seed}"))
     bench = bench_file(
         register_map, link, _limits(motion, chance), source, fade_out_cycles=chance.choice((1.0, 1.0, 2.0)),
-        sensors={} if source else _can_sensors(random.Random(f"sensors {seed}")),
+        sensors=sensors,
         halt_deceleration=f"{chance.choice((20, 20, 20, 5, 10, 40))} m/s^2",
     )  # fmt: skip
     return DrawnRig(
-        kind, bench, _matrix(motion, chance), motion.record, link, streamed, bool(source), unmeasured, motion.lasts_s
+        kind, bench, _matrix(motion, chance), motion.record, link, streamed, bool(source), unmeasured, motion.lasts_s,
+        any("request" in described for described in sensors.values()),
     )
 
 

@@ -79,7 +79,8 @@ COOLS_S = 30.0
 TICKS_S, TURNS_S = (0.004, 0.008, 0.01, 0.01), (0.004, 0.008, 0.008, 0.008)
 """The finer, the closer to a real rig, and the slower."""
 STREAMED_TICK_S = 0.002
-"""As on real wires: set-points that are taken up to 10 ms late would be another motion."""
+"""As on real wires: set-points that are taken up to 10 ms late would be another motion, and a sensor that is polled
+every 4 ms would answer every other request."""
 BENCH_TICK_S = 0.008
 """Of the other benches that are drawn, as `user_bench` has it for sensors that are silent after 20 ms."""
 NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
@@ -288,7 +289,7 @@ def given_for(seed: int, given: Given) -> Given:
     if given.bench or given.matrix or given.usual:
         return given
     rig = drawn_rig(seed, given.actuator)
-    tick_s = STREAMED_TICK_S if rig.streamed else BENCH_TICK_S if rig.bench else given.tick_s
+    tick_s = STREAMED_TICK_S if rig.streamed or rig.polled else BENCH_TICK_S if rig.bench else given.tick_s
     return replace(
         given, kind=rig.kind, bench=rig.bench, matrix=rig.matrix, record=rig.record, motion_s=rig.motion_s,
         actuator=rig.actuator or given.actuator, supply=rig.supply, unmeasured=rig.unmeasured, streamed=rig.streamed,

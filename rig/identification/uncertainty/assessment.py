@@ -16,7 +16,7 @@ from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.separable import Solution
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
 from rig.identification.options import FitOptions
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import QUANTITIES, Remark, say, some
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import Information, information, quantile
 from rig.identification.uncertainty.fit import Fit
@@ -76,12 +76,15 @@ def judged(
     fits = describes(model, values, looked_at, weighting, left, known.motion_N2)
     predicts = describes(model, values, predicted, weighting)
     del left  # as large as the tests themselves
-    reasons = {
+    found_in_fit = {
         **_too_wide(known, values),
         **_at_limits(model, best.solution),
         **explain(model, known, values, looked_at, weighting),
-        **best.findings.reasons,
     }
+    reasons = {**found_in_fit, **best.findings.reasons}
+    quantities = {name: QUANTITIES[reason.slug].format(**reason.numbers)
+                  for name, reason in best.findings.reasons.items()
+                  if reason.slug in QUANTITIES and name not in found_in_fit}  # fmt: skip
     error, passive = score(model, values, fitted), passivity(model, values, fitted)
     doubts: list[str] = [*warnings, *_of_tests((*fitted, *held_out))]
     doubts += [*_of_model(fits, weighting.weight), *_unresolved(fitted)]
@@ -92,7 +95,7 @@ def judged(
         model=model.name,
         hysteresis=model.hysteresis,
         form=model.equation,
-        parameters=_estimates(model, values, known, reasons, best.solution),
+        parameters=_estimates(model, values, known, reasons, quantities, best.solution),
         solver=SolverReport(
             method=method.name,
             weight=weighting.weight,
@@ -224,15 +227,26 @@ def _estimates(
     values: dict[str, float],
     known: Information,
     reasons: dict[str, Remark],
+    quantities: Mapping[str, str],
     solution: Solution,
 ) -> dict[str, Estimate]:
-    """Every parameter of the model with its intervals, or the reason why it has none."""
+    """Every parameter of the model with its intervals, or the reason why it has none.
+
+    Args:
+        model: the fitted model.
+        values: fitted values by parameter.
+        known: what the tests tell.
+        reasons: for each parameter that is not identifiable, why.
+        quantities: what the tests determine in place of a parameter that is not identifiable.
+        solution: of the fit.
+    """
     identifiable = [name for name in known.names if name not in reasons]
     one, together = quantile(1, known.freedom), quantile(len(identifiable), known.freedom)
     estimates = {}
     for name in model.names:
         unit = model.parameter(name).unit
-        if name in reasons or name not in known.names:
+        quantity = quantities.get(name, "") if name in known.names else ""
+        if (name in reasons and not quantity) or name not in known.names:
             entry = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
             if name in solution.at_bound and name in known.names and math.isfinite(known.standard_error(name)):
                 error = known.standard_error(name)
@@ -249,7 +263,10 @@ def _estimates(
             simultaneous_low=max(lowest, value - together * error),
             simultaneous_high=min(highest, value + together * error),
             standard_error=error,
+            identifiable=name not in reasons,
+            reason=reasons.get(name, ""),
             variance_inflation=1.0 / float(known.alone[known.names.index(name)]),
+            quantity=quantity,
         )
     return estimates
 

@@ -34,7 +34,13 @@ def test_one_current_says_which_sums_are_known(make_synthetic: Make) -> None:
     assert unknown(fit) == {"eta", "Fya", "Fyb", "Ca_plus", "Cb_plus", "Ca_minus", "Cb_minus", "Ka", "Kb"}
     assert "every test ran at 1.00 A" in fit.parameters["Fyb"].reason
     assert fit.parameters["Fya"].value == pytest.approx(DEMO["Fya"] + DEMO["Fyb"], rel=0.01)
-    assert fit.parameters["Fya"].low is None
+    sum_at_1_A = fit.parameters["Fya"]
+    assert (sum_at_1_A.identifiable, sum_at_1_A.quantity) == (False, "Fya + Fyb I at I = 1.00 A")
+    assert sum_at_1_A.low < DEMO["Fya"] + DEMO["Fyb"] < sum_at_1_A.high  # type: ignore[operator] - has an interval
+    assert 0.0 < sum_at_1_A.standard_error < 0.01 * sum_at_1_A.value  # type: ignore[operator] - the same
+    assert fit.parameters["Fyb"].standard_error is None
+    assert fit.covariance.loc["Fya", "Fya"] == pytest.approx(sum_at_1_A.standard_error**2)  # type: ignore[operator]
+    assert "Fya: value and interval of Fya + Fyb I at I = 1.00 A" in str(fit)
     assert fit.error.rmse_N < 5.5
 
 
