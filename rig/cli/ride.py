@@ -9,11 +9,16 @@ import click
 
 from rig.cli.options import Command, FitName, QuantityOption, json_option
 from rig.cli.output import console, say, show, shown_path, write_json
+from rig.display import SI
 from rig.errors import EXIT_DONE
+from rig.files.run_display import run_display
 from rig.recording.atomic_write import write_text_durably
 from rig.vehicle.laws import MOST_A, Control
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rig.display import Display
     from rig.vehicle.laws import Law
 
 LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
@@ -68,11 +73,11 @@ def command(
         for index, given in enumerate(fits)
     ]
     study = ride_study(load_car(car), load_road(road), chosen, controls, _progress)
-    answer = plain(study)
+    answer, shown = plain(study), _display(fits)
     if out is not None:
         from rig.report.ride import ride_page
 
-        write_text_durably(out, ride_page(study))
+        write_text_durably(out, ride_page(study, shown))
         answer["report"] = str(out.resolve())
     if as_json:
         write_json(answer)
@@ -80,10 +85,16 @@ def command(
     # loads numba and scipy: not needed for the help
     from rig.report.ride import differences, numbers, warnings
 
-    show([*differences(study), *numbers(study), *warnings(study)], console())
+    show([*differences(study), *numbers(study, shown), *warnings(study)], console())
     if out is not None:
         click.echo(shown_path(out))
     return EXIT_DONE
+
+
+def _display(fits: Sequence[str]) -> Display:
+    """The `[display]` of the first run with one among FITS."""
+    folders = [path if path.is_dir() else path.parent for path in map(Path, fits) if path.exists()]
+    return next((shown for folder in folders if not (shown := run_display(folder)).usual), SI)
 
 
 def _check_currents(given: dict[str, float]) -> None:

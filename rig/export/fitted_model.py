@@ -130,6 +130,8 @@ class FittedModel:
                 line += f", {entry.low:.6g} to {entry.high:.6g}"
             if entry.standard_error is not None:
                 line += f", +- {entry.standard_error:.3g}"
-            if not entry.identifiable:
+            if entry.quantity:
+                line += f", value of {entry.quantity}"
+            elif not entry.identifiable:
                 line += ", not identifiable from these tests"
         return f"{line} ({parameter.meaning})"

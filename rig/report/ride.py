@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rig.display import SI, Display, Shown
 from rig.document import html
 from rig.document.blocks import (
     Block,
@@ -46,19 +47,20 @@ FEWEST_SAMPLES = 8
 """Monte Carlo samples from which on a band is drawn."""
 
 
-def ride_page(study: RideStudy) -> str:
-    """The study as a self-contained HTML page."""
-    return html.page(ride_document(study))
+def ride_page(study: RideStudy, display: Display = SI) -> str:
+    """The study as a self-contained HTML page in the units of a display."""
+    return html.page(ride_document(study, display))
 
 
-def ride_document(study: RideStudy) -> Document:
-    """The study as a document."""
+def ride_document(study: RideStudy, display: Display = SI) -> Document:
+    """The study as a document in the units of a display."""
     dampers = tuple(variant.name for variant in study.variants)
-    about = ("Simulated car, dampers ", Strong(", ".join(dampers)), f" \N{MIDDLE DOT} {study.road.speed_m_s:g} m/s")
+    about = ("Simulated car, dampers ", Strong(", ".join(dampers)),
+             f" \N{MIDDLE DOT} {display.speed.text(study.road.speed_m_s)}")
     return Document(f"Ride: {study.car.name}", with_contents([
         Cover(f"Ride: {study.car.name} on {study.road.name}", (about,)), Contents(paper=False), _facts(study),
-        *warnings(study), *differences(study), *numbers(study), *_curves(study), *_responses(study),
-        *_parameters(study), *_provenance(study),
+        *warnings(study), *differences(study), *numbers(study, display), *_curves(study, display), *_responses(study),
+        *_parameters(study), *_provenance(study, display),
     ]), RIDE_MARK)  # fmt: skip
 
 
@@ -100,18 +102,20 @@ def _keys(study: RideStudy) -> Keys:
     return Keys(tuple(Key(name, colour) for name, colour in _colours(study).items()))
 
 
-def _curves(study: RideStudy) -> Blocks:
+def _curves(study: RideStudy, display: Display) -> Blocks:
     """Force over velocity at mid-stroke (Figure 12)."""
     colours = _colours(study)
     traces = [
         Trace(
-            SPEEDS_M_S, variant.fit.damper.model.force_at(
+            display.speed.signed(SPEEDS_M_S), display.force.signed(variant.fit.damper.model.force_at(
                 variant.fit.damper.values, SPEEDS_M_S, variant.control.current_A
-            ), name=variant.name, colour=colours[variant.name],
+            )), name=variant.name, colour=colours[variant.name],
         )
         for variant in study.variants
     ]
-    figure = Figure(Axis("Velocity", "m/s"), Axis("Force", "N"), traces, 480, 320, title="Force vs. velocity")
+    speed, force = display.speed, display.force
+    axes = Axis(speed.title("Velocity"), speed.unit), Axis(force.title("Force"), force.unit)
+    figure = Figure(*axes, traces, 480, 320, title="Force vs. velocity")
     return [Heading("Force vs. velocity at mid-stroke"), _keys(study), Cards((Card("", (Figures((figure,)),)),))]
 
 
@@ -176,23 +180,31 @@ def differences(study: RideStudy) -> Blocks:
     return [*section("Largest differences, dB", note), table(head, rows)]
 
 
-def _with_interval(known: tuple[float, tuple[float, float] | None]) -> str:
+def _with_interval(known: tuple[float, tuple[float, float] | None], shown: Shown | None = None) -> str:
+    """A value with its interval; in the unit of `shown`, if there is one."""
     value, interval = known
+    if shown is not None:
+        value = shown.value(value)
+        interval = None if interval is None else (shown.value(interval[0]), shown.value(interval[1]))
     within = "" if interval is None else f" ({number(interval[0], 3)} to {number(interval[1], 3)})"
     return number(value, 3) + within
 
 
-def numbers(study: RideStudy) -> Blocks:
-    """Comfort, grip, travel, power and heat of each damper."""
+def numbers(study: RideStudy, display: Display = SI) -> Blocks:
+    """Comfort, grip, travel, power and heat of each damper; the travel in the unit of a display."""
+    travel = display.displacement
     names = {
         f"weighted_rms {motion}": f"{motion} weighted RMS, {'m/s^2' if motion == 'heave' else 'rad/s^2'}"
         for motion in study.own.body
     } | {
-        "tyre_load_variation": "tyre load variation", "travel_m": "largest travel, m",
+        "tyre_load_variation": "tyre load variation", "travel_m": f"largest travel, {travel.unit}",
         "damper_power_W": "damper power, W", "damper_heat_J": "damper heat, J",
     }  # fmt: skip
     rows = [
-        [title, *(_with_interval(study.number(variant.name, name)) for variant in study.variants)]
+        [title, *(
+            _with_interval(study.number(variant.name, name), travel if name == "travel_m" else None)
+            for variant in study.variants
+        )]
         for name, title in names.items()
     ]
     note = "Weighting to ISO 2631-1:1997: Wk for heave, We for pitch and roll."
@@ -219,9 +231,9 @@ def _parameters(study: RideStudy) -> Blocks:
     return [Heading("Parameters"), Paragraph(model.equation, small=True), _by_variant(study, rows)]
 
 
-def _provenance(study: RideStudy) -> Blocks:
+def _provenance(study: RideStudy, display: Display) -> Blocks:
     return [Heading("Car and road"), Properties({
         "car": f"{study.car.name} ({study.car.kind})", "source": study.car.source, "road": study.road.name,
-        "speed": f"{study.road.speed_m_s:g} m/s", "step": f"{1e3 * study.step_s:g} ms",
+        "speed": display.speed.text(study.road.speed_m_s), "step": f"{1e3 * study.step_s:g} ms",
         "natural frequencies": ", ".join(f"{value:.2f} Hz" for value in study.own.modes_Hz()),
     })]  # fmt: skip

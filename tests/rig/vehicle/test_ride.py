@@ -105,6 +105,8 @@ def test_a_ride_beyond_the_fitted_tests_says_in_what_and_for_how_long(tmp_path: 
     narrow.write_text(json.dumps(fit | {"tested": wide | {"velocity_m_s": [-0.05, 0.05], "current_A": [0.5, 1.0]}}))
     out = tmp_path / "ride.html"
     names = (str(path), str(quiet), str(narrow))
+    display = '[display]\nforce = "lbf"\ndisplacement = "in"\nspeed = "in/s"\npositive = "compression"\n'
+    (tmp_path / "matrix.toml").write_text(display)
     options = ("--road", road, "--members", "0", "--json", "--out", str(out))
     unknown, nowhere, somewhere = (one["beyond"] for one in json.loads(ride(*names, *options).stdout)["fits"])
     assert unknown is None
@@ -115,6 +117,8 @@ def test_a_ride_beyond_the_fitted_tests_says_in_what_and_for_how_long(tmp_path: 
     page = out.read_text(encoding="utf-8")
     assert f"{narrow}: outside the tested range (velocity " in page
     assert "current 1e+02 %" not in page
+    for word in ("largest travel, in", "984.3 in/s", "Velocity, compression positive", "lbf"):
+        assert word in page, word
     assert f"{path}: this fit does not contain its tested range" in page
     assert f"{quiet}: " not in page
 
@@ -169,7 +173,7 @@ def test_laws_are_compared_under_names_of_their_own(road: str) -> None:
 @pytest.mark.nightly
 def test_the_terminal_tells_differences_numbers_and_that_the_car_is_an_estimate(road: str) -> None:
     result = ride(*PAPER[:2], "--road", road)
-    for word in ("heave", "4-8 Hz", "antiphase", "estimate", "weighted RMS"):
+    for word in ("heave", "4-8 Hz", "antiphase", "estimate", "weighted RMS", "largest travel, mm"):
         assert word in result.stdout, word
 
 
