@@ -42,7 +42,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
 """Entry of `[display]` -> the values that it may have."""
 
 
-def spelt(value: object) -> object:
+def spelt(value: object) -> Any:  # noqa: ANN401 - what a file has, a text in most entries
     """An entry of `[display]` in the spelling of `CHOICES`: "lbs" is lbf, "Letter" is letter; others as they are."""
     if not isinstance(value, str):
         return value
