@@ -37,6 +37,7 @@ from simulators.schedule import (
     wiring_for,
 )
 from simulators.settings import setting_options, with_settings
+from simulators.specimens import as_specimen
 
 if TYPE_CHECKING:
     pass
@@ -170,6 +171,8 @@ def made_of(values: dict[str, Any]) -> RigOptions:
     for assignment in assignments:
         options = with_option(options, assignment)
     options = with_settings(options, values)
+    if values["specimens"] is not None:
+        options = as_specimen(options, Path(values["specimens"]))
     try:
         specimen_model(options.damper)
     except (KeyError, ValueError) as error:
@@ -304,6 +307,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--set", "parameter_set", help="Parameter set for the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
               help="Property of the specimen: serial_number, mid_stroke_m or stroke_m (repeatable).")
+@click.option("--specimens", metavar="FILE", help="Specimens file: properties of the damper by its serial number.")
 @click.option("--force-format", metavar="FORMAT",
               help="Data format of the load cell: a name or a file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="Data format of the LVDT.  [default: frame16]")

@@ -256,13 +256,15 @@ FLAG = ""
 A_FILE = r"[^-\x00-\x1f\x7f][^\x00-\x1f\x7f]{{0,1000}}\.{}"
 NAME_OR_FILE = f"[a-z0-9][a-z0-9-]{{0,60}}|{A_FILE.format('toml')}"
 FILES = frozenset({
-    "--config", "--force-format", "--displacement-format", "--register-map", "--dbc", "--ecu-roles", "--supply",
+    "--config", "--specimens", "--force-format", "--displacement-format", "--register-map", "--dbc", "--ecu-roles",
+    "--supply",
 })
 """Options whose value may be a path, in any letters."""
 INPUTS = ("delay", "bandwidth", "gain", "zero", "noise", "resolution")
 
 ALLOWED: dict[str, str] = {
     "--config": A_FILE.format("toml"),
+    "--specimens": A_FILE.format("toml"),
     "--option": ASSIGNMENT,
     "--specimen": ASSIGNMENT,
     "--model": NAME,

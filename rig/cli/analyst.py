@@ -1,8 +1,9 @@
 """The process that identifies and reports while the application controls the rig: `python -m rig.cli.analyst`.
 
 It is started before the motion, loads the numeric packages at low priority during it, and then answers one JSON line
-on its standard input, {"run", "identify": {"model", "method", "holdout"} or null}, with one on its standard output:
-{"fit", "report", "error", "report_error", "specimen"}, the last one as in `acceptance.json`.
+on its standard input, {"run", "identify": {"model", "method", "holdout"} or null, "report_later"}, with one on its
+standard output: {"fit", "report", "error", "report_error", "specimen"}, the last one as in `acceptance.json`. With
+`report_later`, the answer comes first and the report is written afterwards.
 """
 
 from __future__ import annotations
@@ -26,11 +27,10 @@ NICENESS = 10
 Made = TypeVar("Made")
 
 
-def analyse(run: Path, settings: Mapping[str, Any] | None) -> dict[str, Any]:
+def analyse(run: Path, settings: Mapping[str, Any] | None, *, report_later: bool = False) -> dict[str, Any]:
     """Identify (when wanted), evaluate the specimen and report; an error in one of them does not affect the others."""
     # loads numba and numpy: not needed for the help
     from rig.identification import identify_run
-    from rig.report import write_report
 
     def identified() -> str:
         identify_run([run], **(settings or {}))
@@ -38,8 +38,16 @@ def analyse(run: Path, settings: Mapping[str, Any] | None) -> dict[str, Any]:
 
     fit, error = (None, None) if settings is None else _made(identified)
     specimen = _specimen(run)
-    report, report_error = _made(lambda: str(write_report(run).resolve()))
+    report, report_error = (None, None) if report_later else _reported(run)
     return {"fit": fit, "report": report, "error": error, "report_error": report_error, "specimen": specimen}
+
+
+def _reported(run: Path) -> tuple[str | None, str | None]:
+    """The path of the report of a run, or why it could not be written."""
+    # loads numba and numpy: not needed for the help
+    from rig.report import write_report
+
+    return _made(lambda: str(write_report(run).resolve()))
 
 
 def _specimen(run: Path) -> dict[str, Any] | None:
@@ -75,8 +83,11 @@ def main() -> int:
         importlib.import_module(room)
     for line in sys.stdin:
         request = json.loads(line)
-        sys.stdout.write(json.dumps(analyse(Path(request["run"]), request["identify"])) + "\n")
+        run, later = Path(request["run"]), bool(request.get("report_later"))
+        sys.stdout.write(json.dumps(analyse(run, request["identify"], report_later=later)) + "\n")
         sys.stdout.flush()
+        if later and (error := _reported(run)[1]) is not None:
+            sys.stderr.write(f"{run.name}: no report: {error}\n")
     return 0
 
 

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ from rig.matrix.acceptance_table import has_acceptance
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rig.campaign.results import CampaignOptions, CampaignResult
+    from rig.campaign.results import CampaignOptions, CampaignResult, Display
     from rig.characteristics.force_table import ForceTable
     from rig.cli.page import RunLink
     from rig.comparison.specimen import SpecimenResult
@@ -110,15 +110,26 @@ class Analyst:
         self._process.communicate()
         self._log.close()
 
-    def analyse(self, run: Path, identify: Identify | None) -> dict[str, Any]:
-        """Identify and report a run; blocks until done.
+    @property
+    def lives(self) -> bool:
+        """Whether it can take a request."""
+        return self._process.poll() is None
+
+    def analyse(self, run: Path, identify: Identify | None, *, report_later: bool = False) -> dict[str, Any]:
+        """Identify, evaluate and report a run; blocks until done.
+
+        Args:
+            run: the campaign's directory.
+            identify: what is to be fitted; None: nothing.
+            report_later: answer before the report is written; the process writes it afterwards.
 
         Returns:
             The keys of `rig.cli.analyst`'s answer; `error` is set when the operator or a fault ended the process.
         """
         settings = None if identify is None else identify.model_dump(exclude={"enabled"})
         try:
-            print(json.dumps({"run": str(run), "identify": settings}), file=self._process.stdin, flush=True)
+            request = {"run": str(run), "identify": settings, "report_later": report_later}
+            print(json.dumps(request), file=self._process.stdin, flush=True)
             line = self._process.stdout.readline() if self._process.stdout else ""
             answer: dict[str, Any] = json.loads(line)
         except KeyboardInterrupt:
@@ -136,6 +147,19 @@ class Analyst:
 def _nothing(why: str, identify: Identify | None) -> dict[str, Any]:
     """The answer of a process that gave none."""
     return {"fit": None, "report": None, "error": None if identify is None else why, "report_error": why}
+
+
+@dataclass(frozen=True)
+class LineParts:
+    """What a production line shares among its campaigns.
+
+    Attributes:
+        analyst: the process that evaluates all of them.
+        display: makes the display of a campaign from the usual one.
+    """
+
+    analyst: Analyst
+    display: Callable[[Display], Display]
 
 
 @contextmanager
@@ -157,7 +181,7 @@ def hangups_interrupt() -> Iterator[None]:
 
 def run_job(
     options: CampaignOptions, identify: Identify | None, console: Console, live: RunLink | None = None,
-    junit: JUnitReport | None = None,
+    junit: JUnitReport | None = None, line: LineParts | None = None,
 ) -> JobResult:
     """Run a campaign with its display, then identify what it recorded (unless it was stopped) and report it.
 
@@ -167,15 +191,17 @@ def run_job(
         console: where the display is shown.
         live: the page; None: there is none.
         junit: takes the points as they end; None: nothing is written.
+        line: of a production line, whose reports are written after the verdict; None: a single campaign.
 
     Raises:
         RigError: refused before a campaign directory exists.
     """
     from rig.cli.display import display_for
 
-    with hangups_interrupt(), Analyst() as analyst:
+    with hangups_interrupt(), Analyst() if line is None else contextlib.nullcontext(line.analyst) as analyst:
         with display_for(console) as display:
-            shown = display if junit is None or junit.path is None else JUnitDisplay(display, junit)
+            shown: Display = display if junit is None or junit.path is None else JUnitDisplay(display, junit)
+            shown = shown if line is None else line.display(shown)
             result = run_campaign(options, shown, None if live is None else live.link)
         if live is not None:
             live.ended(result)
@@ -188,7 +214,9 @@ def run_job(
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
         with status_line(console, "identifying the damper and writing the report"):
-            answer = analyst.analyse(result.campaign, identify if usable else None)
+            answer = analyst.analyse(
+                result.campaign, identify if usable else None, report_later=line is not None
+            )
     if answer["report_error"] is not None:
         with contextlib.suppress(OSError):
             text = f"warning: the report could not be written: {answer['report_error']}"

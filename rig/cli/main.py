@@ -44,6 +44,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "Run": {
         "run": ("rig.cli.run", "Run and record a test matrix or a hybrid test; identify the damper."),
+        "line": ("rig.cli.line", "Test one specimen after another, each started by its serial number."),
         "page": ("rig.cli.page", "Serve the operator's page for a run or a bench."),
     },
     "Results": {
@@ -93,9 +94,9 @@ EXIT_CODES = (
     ("8", "acceptance bands not met"),
 )
 
-MOVING = frozenset({"run", "demo", "hybrid"})
+MOVING = frozenset({"run", "line", "demo", "hybrid"})
 """Commands after which a rig may have moved."""
-LINUX_ONLY = frozenset({"demo", "check", "run", "page", "simulate", "scenarios", "recover", *RENAMED})
+LINUX_ONLY = frozenset({"demo", "check", "run", "line", "page", "simulate", "scenarios", "recover", *RENAMED})
 """Commands that start the station or the simulated rig, or lock a campaign."""
 PACKAGES = ("drivers", "protocols", "simulators")
 """What lies beside `rig`: names that other projects use, too."""

@@ -132,6 +132,7 @@ def command(
         if must_be_hybrid:
             _refuse_without_hybrid(tests, path)
         simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
+        simulator_args = (*specimens_of(tests, simulate=simulate and resume is None), *simulator_args)
         with files:
             bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
             check_specimen(path, tests, fitted=not no_identify)
@@ -228,6 +229,12 @@ def following(tests: Matrix, simulator_args: tuple[str, ...], *, usual: bool) ->
     named = any(argument.partition("=")[0] in {"--actuator", "--register-map"} for argument in simulator_args)
     follows = usual and (bool(tests.sweep.signals) or tests.hybrid is not None) and not named
     return (f"--actuator={STREAMED}", *simulator_args) if follows else simulator_args
+
+
+def specimens_of(tests: Matrix, *, simulate: bool) -> tuple[str, ...]:
+    """Arguments with which a simulated rig emulates the specimens that the matrix names."""
+    file = None if tests.line is None else tests.line.simulated
+    return (f"--specimens={file}",) if simulate and file is not None else ()
 
 
 def _requalified(text: str | None, resume: Path | None) -> str:

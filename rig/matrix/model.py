@@ -27,6 +27,7 @@ from rig.matrix import named_files
 from rig.matrix.acceptance_table import AcceptanceTable
 from rig.matrix.forecast import forecaster
 from rig.matrix.hybrid_table import HybridTable
+from rig.matrix.line_table import LineTable
 from rig.matrix.order_by_heat import by_heat
 from rig.matrix.report_table import ReportTable
 from rig.matrix.sections import (
@@ -60,6 +61,7 @@ class Matrix(Section):
     hybrid: HybridTable | None = None
     temperature: Temperature | None = None
     acceptance: AcceptanceTable | None = None
+    line: LineTable | None = None
     identify: Identify = Field(default_factory=Identify)
     campaign: Campaign = Field(default_factory=Campaign)
     display: DisplayTable = Field(default_factory=DisplayTable)
@@ -96,6 +98,8 @@ class Matrix(Section):
                 f"{serial_number!r:.80}: expected a letter or digit, followed by letters, digits, - or _ (at most 32 "
                 "characters)"
             ])
+        if self.line is not None and (problem := self.line.problem_with(serial_number)):
+            raise FileProblem("--serial-number", [f"{serial_number}: {problem}"])
         return self.model_copy(update={"specimen": self.specimen.model_copy(update={"serial_number": serial_number})})
 
     @property
@@ -127,7 +131,7 @@ class Matrix(Section):
     def _digest(self, left_out: frozenset[str]) -> str:
         """The digest without these entries of a hybrid test."""
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
-        apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "sweep": unused}
+        apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "line": True, "sweep": unused}
         apart |= {"acceptance": True} if self.acceptance is None else {}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():

@@ -17,10 +17,10 @@ from rig.vehicle.road_file import road_names
 MOST_BYTES = 262_144
 Place = tuple[str, ...]
 ROAD, RECORD, PRIOR = ("matrix", "road", "road"), ("matrix", "file", "file"), ("specimen", "prior")
-LOGO, BANDS = ("report", "logo"), ("acceptance", "bands")
-PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR, LOGO, BANDS)
+LOGO, BANDS, SPECIMENS = ("report", "logo"), ("acceptance", "bands"), ("line", "simulated")
+PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR, LOGO, BANDS, SPECIMENS)
 """Entries that may name files."""
-SINGLE = frozenset({PRIOR, LOGO, BANDS})
+SINGLE = frozenset({PRIOR, LOGO, BANDS, SPECIMENS})
 """Those that name one file and not a list of them."""
 NESTED = ("profile", "drive")
 """Tables of a road file that name a CSV file beside it."""
