@@ -3,7 +3,7 @@
 It is started before the motion, loads the numeric packages at low priority during it, and then answers one JSON line
 on its standard input, {"run", "identify": {"model", "method", "holdout"} or null, "report_later"}, with one on its
 standard output: {"fit", "report", "error", "report_error", "specimen"}, the last one as in `acceptance.json`. With
-`report_later`, the answer comes first and the report is written afterwards.
+`report_later`, the answer comes first; afterwards, the report is written and the results database is updated.
 """
 
 from __future__ import annotations
@@ -50,6 +50,27 @@ def _reported(run: Path) -> tuple[str | None, str | None]:
     return _made(lambda: str(write_report(run).resolve()))
 
 
+def _stored(run: Path) -> str:
+    """Bring the results database of the folder of a run up to date, and deliver it to the server of its bench.
+
+    Returns:
+        Why this was not possible; the run directory remains, so the next update includes the run. Empty: done.
+    """
+    # loads SQLAlchemy: only for a production line
+    from rig.bench.model import Bench
+    from rig.results.delivery import deliver
+    from rig.results.filling import filled_database
+
+    def stored() -> str:
+        results = Bench.load(CampaignFolder(run).bench).results
+        url = None if results is None else results.url
+        with filled_database(run.resolve().parent) as (database, _):
+            return "" if url is None else deliver(database, url).error
+
+    failed, error = _made(stored)
+    return error or failed or ""
+
+
 def _specimen(run: Path) -> dict[str, Any] | None:
     """The verdict on the specimen, also written to the run; None if the matrix has no acceptance bands."""
     # loads numba and numpy: not needed for the help
@@ -86,8 +107,9 @@ def main() -> int:
         run, later = Path(request["run"]), bool(request.get("report_later"))
         sys.stdout.write(json.dumps(analyse(run, request["identify"], report_later=later)) + "\n")
         sys.stdout.flush()
-        if later and (error := _reported(run)[1]) is not None:
-            sys.stderr.write(f"{run.name}: no report: {error}\n")
+        for what, error in (("report", _reported(run)[1]), ("database", _stored(run))) if later else ():
+            if error:
+                sys.stderr.write(f"{run.name}: {what}: {error}\n")
     return 0
 
 

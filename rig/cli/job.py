@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from rig.matrix.sections import Identify
 
 
+LONGEST_NOTES = 2000
+
+
 @dataclass(frozen=True)
 class JobResult:
     """A campaign's result and what was made of it; `fit` and `report` are None when there is none.
@@ -86,9 +89,14 @@ class JobResult:
 
 
 class Analyst:
-    """The application's end of `rig.cli.analyst`; started early so that its imports happen during the motion."""
+    """The application's end of `rig.cli.analyst`; started early so that its imports happen during the motion.
+
+    Attributes:
+        notes: what it reported on standard error, once it has ended.
+    """
 
     def __init__(self) -> None:
+        self.notes = ""
         self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - lives as long as the process that writes it
         self._process = subprocess.Popen(
             own_program("rig.cli.analyst"),
@@ -108,6 +116,8 @@ class Analyst:
         if kind is not None:
             self._process.kill()
         self._process.communicate()
+        self._log.seek(0)
+        self.notes = self._log.read()[-LONGEST_NOTES:].strip()
         self._log.close()
 
     @property
@@ -139,7 +149,7 @@ class Analyst:
             self._process.kill()
             code = self._process.wait()
             self._log.seek(0)
-            tail = self._log.read()[-2000:].strip()
+            tail = self._log.read()[-LONGEST_NOTES:].strip()
             return _nothing(f"the identification process ended unexpectedly (exit code {code})\n{tail}", identify)
         return answer
 

@@ -103,6 +103,7 @@ def command(
         line = _Line(session, options, shown, Entries(reader), None if no_identify else tests, ends, Analyst)
         with contextlib.suppress(KeyboardInterrupt):
             line.run()
+    line.show_notes()
     if as_json:
         write_json(session.to_json())
     return session.exit_code
@@ -177,6 +178,11 @@ class _Line:
                 self._say(f"{typed.source}: the barcode reader no longer responds. Fix: check its connection", "red")
             elif not self._enter(typed.text):
                 return
+
+    def show_notes(self) -> None:
+        """Show what failed after a verdict: a report or the results database."""
+        if self._analyst.notes:
+            self._say(self._analyst.notes, "yellow")
 
     def _enter(self, text: str) -> bool:
         """Take one entry; False where the line ends."""
