@@ -2,7 +2,8 @@
 
 One JSON object on standard input, one on standard output:
 
-    {"do": "plan", "matrix": PATH, "bench": PATH}    {"planned", "feasible", "serial_number", "devices", "blocks"}
+    {"do": "plan", "matrix": PATH, "bench": PATH}    {"planned", "feasible", "serial_number", "devices", "line",
+                                                      "blocks"}
     {"do": "questions", "run": PATH}                 {"stops", "requalify", "left_out"}
     {"do": "report", "run": PATH}                    {"report"}
 
@@ -29,9 +30,11 @@ from rig.cli.tables import plan_blocks, verdict_blocks
 from rig.document.blocks import Block, Note, Paragraph, Table
 from rig.document.words import plain
 from rig.errors import EXIT_DONE, RigError
+from rig.matrix.line_table import LineTable
 from rig.text_file import FirstRead
 
 if TYPE_CHECKING:
+    from rig.matrix.model import Matrix
     from rig.matrix.plan import Plan
 
 NICENESS = 10
@@ -51,9 +54,17 @@ def plan_answer(request: Mapping[str, Any]) -> dict[str, Any]:
         digest = plan_digest(matrix_path, bench_path, matrix, bench)
     return {
         "planned": digest, "feasible": plan.feasible,
-        "serial_number": matrix.specimen.serial_number, "devices": sorted(devices_of(bench)),
+        "serial_number": matrix.specimen.serial_number, "devices": sorted(devices_of(bench)), "line": line_of(matrix),
         "blocks": list(shown(verdict_first(plan))),
     }
+
+
+def line_of(matrix: Matrix) -> dict[str, str] | None:
+    """What the production view must know of a matrix; None without acceptance bands."""
+    if matrix.acceptance is None:
+        return None
+    table = matrix.line or LineTable()
+    return {"serial": table.serial or "", "retest": table.retest}
 
 
 def questions_answer(request: Mapping[str, Any]) -> dict[str, Any]:

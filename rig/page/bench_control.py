@@ -29,6 +29,7 @@ from rig.page.history import History
 from rig.page.matrices import LONGEST_NAME, Matrices
 from rig.page.started_run import StartedRun
 from rig.page.watched_run import WatchedRun
+from rig.recording.tested_specimens import tested_before
 from rig.station.live_folder import (
     APPLICATION_SOCKET,
     DEVICES,
@@ -361,10 +362,11 @@ class BenchControl:
         name = message.get("matrix")
         path = self._matrix(name)
         answer = await self._ask({"do": "plan", "matrix": str(path), "bench": str(self.bench.path)})
-        self._plans[str(name)] = {"planned": answer["planned"], "feasible": answer["feasible"]}
+        line = answer.get("line")
+        self._plans[str(name)] = {"planned": answer["planned"], "feasible": answer["feasible"], "line": line}
         if not self.bench.simulate:
             self.bench = replace(self.bench, devices=frozenset(map(str, answer["devices"])))
-        return {"ok": True, "matrix": str(name), **{key: answer[key] for key in (
+        return {"ok": True, "matrix": str(name), "line": line, **{key: answer[key] for key in (
             "planned", "feasible", "serial_number", "blocks"
         )}}  # fmt: skip
 
@@ -387,6 +389,8 @@ class BenchControl:
         if not SERIAL_NUMBER.fullmatch(serial_number):
             raise Refusal("bad-serial-number", "Serial number: expected a letter or digit, followed by letters, "
                           "digits, - or _ (at most 32 characters).")
+        if message.get("line"):
+            self._next_of_line(known["line"], serial_number, message)
         rig = ("--simulate", f"--speed={self.bench.speed:g}") if self.bench.simulate else ()
         arguments = (
             str(path), f"--bench={self.bench.path}", *rig, f"--planned={planned}", f"--serial-number={serial_number}",
@@ -394,6 +398,29 @@ class BenchControl:
         )  # fmt: skip
         self._start(arguments, requester, f"{name}, specimen {serial_number}", message)
         return {"ok": True}
+
+    def _next_of_line(self, line: Mapping[str, str] | None, serial_number: str, message: Mapping[str, Any]) -> None:
+        """Refuse a specimen that a production line does not test, or not now.
+
+        Raises:
+            Refusal: no bands, another serial number, tested before, or a stop that the operator has not confirmed.
+        """
+        if line is None:
+            raise Refusal("no-bands", "This matrix has no acceptance bands ([acceptance]), so the production view "
+                          "cannot show a verdict.")  # fmt: skip
+        if line["serial"] and not re.fullmatch(line["serial"], serial_number):
+            raise Refusal("bad-serial-number", f"{serial_number}: not a serial number of this line; expected "
+                          f"{line['serial']} ([line] serial in the matrix file). Scan the code of the specimen.")
+        last = self.history.runs[0] if self.history.runs else None
+        if last is not None and message.get("after") != last["name"] and (
+            last["ended"] in {"stopped", "interrupted"} or last["rig_state"] == "unknown"
+        ):
+            why = last["text"] or last["ended"]
+            raise Refusal("line-stopped", f"The test of {last['specimen']} was stopped: {why} Inspect the rig, then "
+                          "press Continue.")  # fmt: skip
+        earlier = [] if message.get("retest") is True else self.history.tested.of(serial_number)
+        if before := tested_before(earlier, line["retest"], utc_now()):
+            raise Refusal("tested-before", f"{before}. To test it again, press Retest.")
 
     async def _questions(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
         del requester

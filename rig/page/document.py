@@ -14,10 +14,10 @@ RUN, BENCH = "page", "bench"
 """The view of a run, and that of a bench."""
 LIBRARY, LIBRARY_STYLE, LIBRARY_LICENCE = "vendor/uPlot.iife.min.js", "vendor/uPlot.min.css", "vendor/uPlot.LICENSE"
 HEAD = "head.html"
-STYLES = {RUN: (LIBRARY_STYLE, "page.css"), BENCH: ("page.css", "bench.css")}
+STYLES = {RUN: (LIBRARY_STYLE, "page.css"), BENCH: ("page.css", "bench.css", "line.css")}
 SCRIPTS = {
     RUN: ("dom.js", "series.js", "charts.js", "panels.js", "banner.js", "link.js", "page.js"),
-    BENCH: ("dom.js", "link.js", "bench.js"),
+    BENCH: ("dom.js", "link.js", "line.js", "bench.js"),
 }
 
 

@@ -6,13 +6,17 @@ into paths; no link is followed.
 
 from __future__ import annotations
 
+import math
 import os
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from rig.campaign_folder import CampaignFolder, by_age
+from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
+from rig.recording.tested_specimens import TESTED, TestedSpecimen, TestedSpecimens
 from rig.station.live_folder import LOCK, held, read_json
 from rig.text_file import open_regular, stamp
 
@@ -35,6 +39,8 @@ class History:
         self._ended: dict[str, EndedRun] = {}
         self._read: dict[Path, tuple[tuple[int, int], dict[str, Any]]] = {}
         self.runs: list[dict[str, Any]] = []
+        self.tested = TestedSpecimens(folder)
+        self.today: dict[str, Any] = {}
 
     def look(self) -> list[dict[str, Any]]:
         """Read what has changed; the list."""
@@ -43,6 +49,7 @@ class History:
         self.runs = [self._entry(name) for name in reversed(names)]
         listed = {self.folder / name for name in names}
         self._read = {path: known for path, known in self._read.items() if path.parent in listed}
+        self.today = _counters(self.tested.since(_midnight()))
         return self.runs
 
     def _json(self, path: Path) -> dict[str, Any]:
@@ -103,6 +110,7 @@ class History:
             "operator": _text(self._json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
             "specimen_verdict": "" if running else self._ended[name].specimen.get("verdict", ""),
             "specimen_reason": "" if running else _text(self._ended[name].specimen.get("reason"), LONGEST_TEXT),
+            "takt_s": None if running else self.tested.takt_s(name),
             "rig_state": "" if running else _text(result.get("rig_state"), 20),
             "text": "" if running else _sentences(result.get("lines")),
             "report": not running and run.report.is_file() and not run.report.is_symlink(),
@@ -124,6 +132,21 @@ class History:
             return "interrupted", ""
         stopped = result.get("stopped_by")
         return ("stopped", str(stopped)) if stopped else ("finished", "")
+
+
+def _midnight() -> datetime:
+    """Beginning of the local day (UTC)."""
+    return utc_now().astimezone().replace(hour=0, minute=0, second=0, microsecond=0)
+
+
+def _counters(tested: list[TestedSpecimen]) -> dict[str, Any]:
+    """Number of specimens by verdict, and the takt: time from the start of a campaign to its verdict (s)."""
+    takts_s = [one.cycle_s for one in tested if one.verdict in TESTED]
+    return {
+        **{verdict: sum(one.verdict == verdict for one in tested) for verdict in ("ok", "not-ok", "not-tested")},
+        "takt_last_s": takts_s[-1] if takts_s else None,
+        "takt_mean_s": math.fsum(takts_s) / len(takts_s) if takts_s else None,
+    }
 
 
 def _sentences(lines: object) -> str:

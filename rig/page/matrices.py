@@ -137,6 +137,8 @@ def _described(path: Path) -> dict[str, Any] | None:
         return {**entry, "remark": problem}
     if "specimen" not in data and NO_MATRIX & data.keys():
         return None
+    if isinstance(data.get("specimen"), list):
+        return None  # specimens of a simulated rig
     if not isinstance(data.get("specimen"), dict):
         return {**entry, "remark": OTHER}
     with contextlib.suppress(KeyError, TypeError):

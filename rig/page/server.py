@@ -289,7 +289,7 @@ class PageServer:
 
     @staticmethod
     def _history(control: BenchControl) -> dict[str, Any]:
-        return {"type": "history", "runs": control.history.runs}
+        return {"type": "history", "runs": control.history.runs, "today": control.history.today}
 
     def _on_bench(self) -> list[ServerConnection]:
         """Connections that show the bench."""

@@ -61,6 +61,10 @@ class TestedSpecimens:
         runs = [match[0] for match in named if match is not None and match[2].casefold() == wanted]
         return list(self._with_verdict(runs))
 
+    def takt_s(self, run: str) -> float | None:
+        """Time from the start of a campaign to its verdict (s); None without a verdict."""
+        return next((one.cycle_s for one in self._with_verdict([run])), None)
+
     def since(self, begin: datetime) -> list[TestedSpecimen]:
         """All runs with a verdict that were started at or after a time (UTC), the oldest first."""
         first = f"{begin.astimezone(UTC):%Y%m%dT%H%M%SZ}"

@@ -16,11 +16,11 @@ function gauges() {}
 function take(message) {
   if (message.type === "state") state = message;
   else if (message.type === "bench") { bench = message; show_matrices(); }
-  else if (message.type === "history") { runs = message.runs; informed = true; show_history(); }
+  else if (message.type === "history") { runs = message.runs; informed = true; show_history(); line_history(message); }
   else if (message.type === "standing") { standing = message; show_standing(); show_history(); if (bench.matrices) show_matrices(); }
   else if (message.type === "answer") answered(message);
   if (resumed_by_link) resume_by_link(); else remember();
-  if (going && bench.phase === "running" && state.running && !state.ended) { going = false; location.assign(with_token("/run")); return; }
+  if (going && !line.on && bench.phase === "running" && state.running && !state.ended) { going = false; location.assign(with_token("/run")); return; }
   if (going && !busy() && bench.outcome && (bench.outcome.refused || bench.outcome.broken)) {
     going = false;
     if (bench.outcome.refused === "plan-changed" && plan) ask_again(); // planned anew; the banner states why
@@ -50,6 +50,7 @@ function opinion() {
   if (outcome.broken) return ["bad", "✗", "NOT OK", `${outcome.text} Inspect the rig before continuing.`];
   if (outcome.stopped) return ["bad", "■", "STOPPED", outcome.text];
   if (outcome.refused) return ["bad", "✗", "REFUSED", `${outcome.text} (${outcome.refused})`];
+  if (line.on && last && last.ended === "finished" && last.rig_state !== "unknown") return ["wait", "Ⅱ", "PRODUCTION", plan ? plan.matrix : ""];
   return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No run on file yet."];
 }
 const SPECIMEN = { "ok": "OK", "not-ok": "NOT OK", "not-tested": "NOT TESTED" };
@@ -78,7 +79,7 @@ function judge() {
   by_id("resume-last").hidden = !(idle && last && last.resumable && standing.role === "operator");
   if (planning) write("plan-empty", `Planning ${planning} … ${duration((performance.now() - planned_at) / 1000)}`);
   by_id("plan-progress").hidden = !planning;
-  buttons();
+  buttons(); line_show();
 }
 
 // Control
@@ -157,7 +158,8 @@ function show_plan(message) {
   plan = message; by_id("plan-empty").hidden = true; by_id("begin").hidden = false;
   by_id("plan-head").textContent = `2. Plan of ${message.matrix}`;
   by_id("plan").replaceChildren(...message.blocks.filter((block) => block.text !== "").map(show_block)); by_id("plan").scrollTop = 0; enter_serial(message.serial_number);
-  show_matrices();
+  show_matrices(); line_show();
+  if (plan.line && plan.feasible && sessionStorage.getItem("rig-line") === plan.matrix && !line.on) line_open(true); // after a reload
 }
 function enter_serial(proposed) { // never that of a specimen that was tested before: the next one would be recorded under its name
   const tested = runs.some((run) => run.specimen === proposed || run.matrix === plan.matrix);
@@ -246,6 +248,7 @@ function answered(message) {
   if (message.do === "begin" || message.do === "resume") sending = false;
   if (message.do === "plan") { show_plan(message); return; }
   if (message.do === "questions" && message.ok) { answer(""); show_questions(message); return; }
+  if (message.do === "begin" && line_answered(message)) { if (message.refused === "not-planned" && plan) ask_again(); return; }
   if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
   if (message.do === "begin" && message.refused === "not-planned" && plan) ask_again();
   answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");

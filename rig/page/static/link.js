@@ -79,5 +79,12 @@ document.addEventListener("keydown", (event) => {
   const typing = /^(INPUT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "checkbox";
   if (!typing && !event.repeat && !event.ctrlKey && !event.altKey && !event.metaKey && (event.key === "s" || event.key === "S") && !by_id("stop").hidden) stop();
 });
-by_id("lease").onsubmit = (event) => { event.preventDefault(); say({ do: "lease", name: by_id("name").value }); };
+by_id("lease").onsubmit = (event) => {
+  event.preventDefault();
+  if (typeof looks_like_serial === "function" && looks_like_serial(by_id("name").value)) { // a reader typed into the wrong field
+    line_note(`${by_id("name").value.trim()}: this serial number was scanned into the field for your name; nothing was started. Scan it again.`);
+    by_id("name").value = ""; by_id("scan").focus(); return;
+  }
+  say({ do: "lease", name: by_id("name").value });
+};
 by_id("release").onclick = () => say({ do: "release" });

@@ -15,6 +15,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from rig.clock import utc_now
 from rig.page import started_run
 from rig.page.bench_control import MOST_WAITING, Bench, BenchControl, Phase, Requester, phase
 from rig.page.history import History
@@ -430,3 +431,73 @@ def test_values_of_a_hostile_description_are_text_or_nothing(control: AnsweringC
     run = control.history.look()[0]
     assert (run["total"], run["bench"], run["ended"]) == (2, "[31m", "stopped")
     assert sys.getsizeof(json.dumps(run)) < 4000
+
+
+LINE = {"serial": "MR-[0-9]{3}", "retest": "explicit"}
+
+
+def verdict_in(control: BenchControl, serial_number: str, verdict: str) -> str:
+    """A finished run with a verdict on its specimen."""
+    name = f"{utc_now():%Y%m%dT%H%M%SZ}-{serial_number}-0a1b2c"
+    folder = control.bench.out / name
+    (folder / "points").mkdir(parents=True)
+    (folder / "campaign.json").write_text(json.dumps({"specimen": serial_number, "points": []}))
+    result = {"event": "result", "points": [], "stopped_by": None, "rig_state": "safe", "detail": ""}
+    (folder / "journal.jsonl").write_text(json.dumps(result) + "\n")
+    (folder / "acceptance.json").write_text(json.dumps({"specimen": verdict, "reason": "margin -41 N"}))
+    control.history.look()
+    return name
+
+
+def scanned(control: AnsweringControl, serial_number: str, **more: object) -> tuple[str, str]:
+    """Whether a scan in the production view starts a test, or the code and the text of the refusal."""
+    message = {"do": "begin", "matrix": "m.toml", "planned": DIGEST, "serial_number": serial_number, "line": True}
+    answer = asked(control, **message, **more)
+    return ("ok", "") if "ok" in answer else (answer["refused"], answer["text"])
+
+
+def test_the_production_view_starts_serial_numbers_of_its_line_alone(
+    control: AnsweringControl, started: Started
+) -> None:
+    planned(control)
+    assert scanned(control, "MR-101")[0] == "no-bands"
+    control.reply = {**control.reply, "line": LINE}
+    assert asked(control, do="plan", matrix="m.toml")["line"] == LINE
+    code, text = scanned(control, "MX-1")
+    assert (code, "MR-[0-9]{3}" in text) == ("bad-serial-number", True)
+    assert scanned(control, "MR-101 ; rm")[0] == "bad-serial-number"
+    assert started.arguments == []
+    assert scanned(control, "MR-101") == ("ok", "")
+    assert "--serial-number=MR-101" in started.arguments[0]
+    assert scanned(control, "MR-102")[0] == "already-running", "a scan during a test is not kept"
+
+
+def test_the_production_view_tests_a_specimen_again_only_on_request(
+    control: AnsweringControl, started: Started
+) -> None:
+    control.reply = {**control.reply, "line": LINE}
+    planned(control)
+    verdict_in(control, "MR-101", "ok")
+    verdict_in(control, "MR-102", "not-tested")
+    code, text = scanned(control, "MR-101")
+    assert (code, text.endswith("(OK). To test it again, press Retest.")) == ("tested-before", True)
+    assert scanned(control, "MR-101", retest="yes")[0] == "tested-before"
+    assert started.arguments == []
+    assert scanned(control, "MR-101", retest=True) == ("ok", "")
+    started.lives = False
+    assert control.history.today == {
+        "ok": 1, "not-ok": 0, "not-tested": 1, "takt_last_s": control.history.runs[1]["takt_s"],
+        "takt_mean_s": control.history.runs[1]["takt_s"],
+    }  # fmt: skip
+    assert [run["specimen_verdict"] for run in control.history.runs] == ["not-tested", "ok"]
+
+
+def test_after_a_stop_the_production_view_waits_for_the_operator(control: AnsweringControl, started: Started) -> None:
+    control.reply = {**control.reply, "line": LINE}
+    planned(control)
+    stopped = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
+    code, text = scanned(control, "MR-101")
+    assert (code, "press Continue" in text) == ("line-stopped", True)
+    assert scanned(control, "MR-101", after="another run")[0] == "line-stopped"
+    assert started.arguments == []
+    assert scanned(control, "MR-101", after=stopped) == ("ok", "")

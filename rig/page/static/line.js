@@ -1,0 +1,85 @@
+// Production view: a serial number starts the test of the next specimen. The server checks it; what is scanned during a test is never kept.
+
+const line = { on: false, serial: "", begun: "", note: "", retest: "", started: 0 };
+const VERDICTS = { "ok": ["good", "OK"], "not-ok": ["bad", "NOT OK"], "not-tested": ["wait", "NOT TESTED"] };
+window.rigLine = line;
+
+function seconds(s) { return typeof s === "number" ? `${s.toFixed(1)} s` : "–"; }
+function line_note(text) { line.note = text; write("line-note", text); }
+function line_open(on) {
+  line.on = on; line.serial = ""; line_note("");
+  document.body.classList.toggle("line-view", on); by_id("line").hidden = !on;
+  if (on) { sessionStorage.setItem("rig-line", plan.matrix); by_id("scan").focus(); } else sessionStorage.removeItem("rig-line");
+  line_show();
+}
+function looks_like_serial(text) { // of this line, for texts in other fields
+  if (!line.on || !plan || !plan.line || !plan.line.serial) return false;
+  try { return new RegExp(`^(?:${plan.line.serial})$`).test(text.trim()); } catch { return false; } // a pattern of Python alone
+}
+function line_scan(serial, more = {}) {
+  by_id("scan").value = ""; by_id("line-retest").hidden = true; line.retest = "";
+  if (!serial) return;
+  if (line_busy()) { line_note(`${serial.slice(0, 40)}: ignored because a specimen is being tested. Wait for the result, change the specimen, then scan again.`); return; }
+  if (!standing.mine) { line_note(`${serial.slice(0, 40)}: not started. Type your name and take control first.`); return; }
+  if (!plan || !plan.feasible || !plan.line) { line_note(`${serial.slice(0, 40)}: not started. Leave the production view and choose a matrix.`); return; }
+  stop_asked = null; line.serial = serial; line_note("");
+  sending = say({ do: "begin", matrix: plan.matrix, planned: plan.planned, serial_number: serial, line: true, after: line.after || "", ...more });
+  if (!sending) line_note(`${serial}: not sent. There is no connection to the rig.`);
+  line_show();
+}
+function line_busy() { return sending || busy(); }
+function line_answered(message) { // of `begin`; true where the production view has shown it
+  if (!line.on) return false;
+  if (message.ok) { line.started = performance.now(); return true; }
+  line_note(words_of(message));
+  if (message.refused === "tested-before") { line.retest = line.serial; by_id("line-retest").hidden = false; by_id("line-retest").textContent = `Retest ${line.serial}`; }
+  line.serial = ""; line_show();
+  return true;
+}
+function line_state() { // what is shown large: kind, verdict, specimen, reason
+  const last = runs[0];
+  if (!connected()) return ["bad", "NO CONNECTION", "", "The page is not being served, or the network is down. A test in progress continues."];
+  if (bench.phase === "starting" || bench.phase === "running" || (sending && line.serial)) return ["wait", "TESTING", line.serial || (last && last.ended === "running" ? last.specimen : ""), `${state.running && state.phase ? state.phase : "starting"}${state.point ? `, ${state.point}` : ""}`];
+  if (bench.phase === "evaluating") return ["wait", "EVALUATING", line.serial, ""];
+  const outcome = bench.outcome || {}, newer = Boolean(last && bench.started && last.started > bench.started.utc.slice(0, 19));
+  if (!newer && (outcome.broken || outcome.refused)) return ["bad", outcome.stopped ? "STOPPED" : outcome.broken ? "ERROR" : "REFUSED", line.serial, outcome.text || ""];
+  if (!last) return ["wait", "SCAN", "", "Mount the first specimen, then scan its serial number."];
+  if (last.rig_state === "unknown") return ["bad", "RIG STATE UNKNOWN", last.specimen, `Inspect the rig. ${last.text}`];
+  if (last.ended === "refused") return ["bad", "REFUSED", last.specimen, last.text];
+  if (last.ended === "stopped" || last.ended === "interrupted") return ["bad", "STOPPED", last.specimen, last.text];
+  const known = VERDICTS[last.specimen_verdict];
+  if (!known) return ["wait", "SCAN", "", "Mount the next specimen, then scan its serial number."];
+  const test = last.valid < last.total ? ` (${last.valid} of ${last.total} points valid)` : "";
+  return [known[0], known[1], last.specimen, last.specimen_reason + test];
+}
+function line_stopped() { const last = runs[0]; return Boolean(last) && (["stopped", "interrupted"].includes(last.ended) || last.rig_state === "unknown"); }
+function line_show() {
+  by_id("line-open").hidden = !(plan && plan.line); by_id("line-open").disabled = !(plan && plan.line && plan.feasible);
+  if (!line.on) return;
+  const [kind, verdict, specimen, reason] = line_state();
+  if (by_id("line-result").className !== kind) by_id("line-result").className = kind;
+  write("line-verdict", verdict); write("line-specimen", specimen); write("line-reason", reason);
+  for (const name of ["ok", "not-ok", "not-tested"]) write(`count-${name}`, String((line.today || {})[name] || 0));
+  write("takt-last", seconds((line.today || {}).takt_last_s)); write("takt-mean", seconds((line.today || {}).takt_mean_s));
+  by_id("line-continue").hidden = !(line_stopped() && !line_busy() && line.after !== (runs[0] || {}).name && standing.mine);
+}
+function line_history(message) {
+  line.today = message.today || {};
+  const body = by_id("line-history").tBodies[0]; body.replaceChildren();
+  for (const run of runs.slice(0, 30)) {
+    const known = VERDICTS[run.specimen_verdict] || ["bad", run.ended], row = element("tr", undefined, known[0] === "good" ? "" : "bad");
+    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : run.ended === "running" ? "▶" : "✗"} ${known[1]}`, "mark"), element("td", run.specimen_reason || run.text), element("td", seconds(run.takt_s), "numeric"));
+    body.append(row);
+  }
+}
+
+by_id("line-form").onsubmit = (event) => { event.preventDefault(); line_scan(by_id("scan").value.trim()); };
+by_id("line-retest").onclick = () => { const serial = line.retest; line_scan(serial, { retest: true }); by_id("scan").focus(); };
+by_id("line-continue").onclick = () => { line.after = runs[0] ? runs[0].name : ""; line_note("The cause of the stop is confirmed as eliminated. Scan the next serial number."); by_id("line-continue").hidden = true; by_id("scan").focus(); };
+by_id("line-open").onclick = () => line_open(true);
+by_id("line-leave").onclick = () => line_open(false);
+// A reader in keyboard mode types wherever the focus is: its text goes into the serial number, and its Enter presses no button.
+document.addEventListener("keydown", (event) => {
+  if (!line.on || event.ctrlKey || event.altKey || event.metaKey || /^(INPUT|TEXTAREA)$/.test(event.target.tagName)) return;
+  if (event.key.length === 1) { event.stopPropagation(); by_id("scan").focus(); }
+}, true);
