@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rig.errors import FileProblem
 
@@ -29,6 +29,26 @@ class Typed:
     source: str
 
 
+class Lines(Protocol):
+    """Where lines come from."""
+
+    def readline(self, most: int, /) -> str:
+        """The next line with its end; empty at the end."""
+
+    def close(self) -> None:
+        """Release the source."""
+
+
+class Port(Protocol):
+    """A serial port."""
+
+    def read(self, size: int, /) -> bytes:
+        """Wait for bytes."""
+
+    def close(self) -> None:
+        """Release the port."""
+
+
 class Entries:
     """Lines from all sources, in the order of arrival.
 
@@ -39,7 +59,7 @@ class Entries:
         FileProblem: the port cannot be opened.
     """
 
-    def __init__(self, reader: str | None = None, stdin: IO[str] | None = None) -> None:
+    def __init__(self, reader: str | None = None, stdin: Lines | None = None) -> None:
         self._lines: queue.SimpleQueue[Typed] = queue.SimpleQueue()
         self._sources = 1
         own = sys.stdin if stdin is None else stdin
@@ -48,7 +68,7 @@ class Entries:
             self._sources += 1
             self._follow(_opened(reader), reader)
 
-    def _follow(self, stream: IO[str], name: str) -> None:
+    def _follow(self, stream: Lines, name: str) -> None:
         def follow() -> None:
             try:
                 while line := stream.readline(LONGEST_LINE):
@@ -111,7 +131,7 @@ class Entries:
         return None
 
 
-def _opened(reader: str) -> IO[str]:
+def _opened(reader: str) -> Lines:
     """The serial port of a barcode reader, or a file or pipe.
 
     Raises:
@@ -123,7 +143,7 @@ def _opened(reader: str) -> IO[str]:
             import serial  # not needed for keyboards
 
             port = serial.Serial(reader, BAUDRATE, timeout=None)
-            return _PortLines(port)  # type: ignore[return-value]  # only `readline` and `close` are used
+            return _PortLines(port)
         return path.open(encoding="utf-8", errors="replace")
     except (OSError, ValueError) as error:
         raise FileProblem(reader, [
@@ -134,14 +154,14 @@ def _opened(reader: str) -> IO[str]:
 class _PortLines:
     """Lines of a serial port, which end with CR, LF or both."""
 
-    def __init__(self, port: IO[bytes]) -> None:
+    def __init__(self, port: Port) -> None:
         self._port = port
 
     def close(self) -> None:
         """Release the port."""
         self._port.close()
 
-    def readline(self, most: int) -> str:
+    def readline(self, most: int, /) -> str:
         """One line with a line end; empty lines are left out."""
         line = b""
         while len(line) < most:
