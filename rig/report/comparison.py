@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from rig.comparison import Comparison
 from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
@@ -29,7 +31,7 @@ from rig.document.blocks import (
     table,
     with_contents,
 )
-from rig.document.figure import Figure, Trace
+from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.moments import local_time
 from rig.document.numbers import NOTHING, known_digits, number, with_uncertainty
 from rig.document.style import current_colour
@@ -58,7 +60,8 @@ def comparison_document(compared: Comparison) -> Document:
     ]  # fmt: skip
     if compared.judgement is not None:
         blocks += bands_section(compared.judgement, compared.display, several=len(compared.runs) > 1)
-    blocks += [*_loops(compared, names), *_changes(compared, names), *_parameters(compared, names)]
+    blocks += [*_peak_velocity(compared, names), *_loops(compared, names)]
+    blocks += [*_changes(compared, names), *_parameters(compared, names)]
     mark = mark_of(run.run for run in compared.runs)
     return Document("Comparison of damper tests", with_contents(blocks), mark, compared.display.paper)
 
@@ -109,6 +112,34 @@ def _differing(compared: Comparison) -> list[Fact]:
         return []
     meaning = "values differ by more than their expanded uncertainty, last run relative to first run"
     return [Fact(f"{differ} of {total}", meaning, FAIR if differ else GOOD)]
+
+
+def _peak_velocity(compared: Comparison, names: Sequence[str]) -> Blocks:
+    """Force at peak velocity over peak velocity of all runs, one figure for each current, one colour for each run."""
+    display, cards = compared.display, []
+    for waveform, current_A in sorted({(row.motion.waveform, row.motion.current_A) for row in compared.rows}):
+        rows = [row for row in compared.rows if (row.motion.waveform, row.motion.current_A) == (waveform, current_A)]
+        traces: list[Trace] = []
+        for index, name in enumerate(names):
+            loops = sorted((loop for row in rows if (loop := row.loops[index])), key=lambda loop: loop.speed_m_s)
+            for key in ("rebound_force", "jounce_force"):
+                known = [(loop.speed_m_s, loop.values[key].value) for loop in loops if key in loop.values]
+                speed_m_s, force_N = np.array(known).reshape(-1, 2).T
+                drawn = display.speed.value(speed_m_s), display.force.signed(force_N)
+                colour = current_colour(index, len(names))
+                traces += [Trace(*drawn, name=name, colour=colour)] if len(known) > 1 else []
+                traces += [Trace(*drawn, Style.POINTS, name, colour)] if known else []
+        if all(trace.style is Style.POINTS for trace in traces):
+            continue
+        title = f"{waveform}, {round(current_A, 4) + 0.0:.4g} A"
+        force, speed = Axis("Force at peak velocity", display.force.unit), Axis("Peak velocity", display.speed.unit)
+        figure = Figure(speed, force, traces, title=f"Force at peak velocity, {title}")
+        cards.append(Card(Strong(title), (Figures((figure,)),)))
+    if not cards:
+        return []
+    keys = tuple(Key(name, current_colour(index, len(names))) for index, name in enumerate(names))
+    note = "One point for each motion and direction; the lines connect the points."
+    return [*section("Force at peak velocity of all runs", note), Keys(keys), Cards(tuple(cards))]
 
 
 def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:

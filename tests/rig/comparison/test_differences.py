@@ -10,11 +10,13 @@ import pypdf
 import pytest
 
 from rig.cli.main import main
-from rig.comparison import compare
+from rig.comparison import Comparison, compare
 from rig.comparison.changes import change
 from rig.comparison.readings import Reading
+from rig.document.blocks import Cards, Figures
+from rig.document.figure import Figure, Style
 from rig.errors import RigError
-from rig.report.comparison import comparison_page
+from rig.report.comparison import comparison_document, comparison_page
 
 Make = Callable[..., Path]
 
@@ -141,7 +143,21 @@ def test_terminal_page_and_json_state_one_median(
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("damping"))
     energy = compared.to_json()["summary"][0]["energy"]["median_percent"]
     assert line.split()[3] == "-7"
-    assert f"\N{MINUS SIGN}{-energy:.3g} %" in comparison_page(compared)
+    page = comparison_page(compared)
+    assert f"\N{MINUS SIGN}{-energy:.3g} %" in page
+    assert page.index("Force at peak velocity of all runs") < page.index("Loops of all runs")
+    (figure,) = _peak_velocity_figures(compared)
+    curves = [trace for trace in figure.traces if trace.style is Style.MEASURED]
+    assert [len(curve.x) for curve in curves] == [2] * 4, "rebound and compression of two runs at two velocities"
+    spans = [rebound.y - compression.y for rebound, compression in (curves[:2], curves[2:])]
+    assert spans[1] / spans[0] == pytest.approx([0.9, 0.96], rel=2e-3), "as the dampings of the motions"
+
+
+def _peak_velocity_figures(compared: Comparison) -> list[Figure]:
+    cards = [one for block in comparison_document(compared).blocks if isinstance(block, Cards) for one in block.cards]
+    figures = [figure for card in cards for block in card.blocks if isinstance(block, Figures)
+               for figure in block.figures if isinstance(figure, Figure)]  # fmt: skip
+    return [figure for figure in figures if figure.title.startswith("Force at peak velocity")]
 
 
 def test_a_force_near_zero_has_no_relative_change(made_run: Make, made_point: Make) -> None:
