@@ -75,7 +75,7 @@ class Bootstrap:
         import pandas as pd
 
         values = self._values()
-        low, high, spread = intervals_of(values, self.draws, self.tests, self.widening)
+        low, high, spread = intervals_of(values, self.draws, self.tests, self.widening, self._bounds())
         columns = {
             "value": values,
             "low": low,
@@ -97,10 +97,17 @@ class Bootstrap:
 
     def kept(self) -> BootstrapResult:
         """What a fit keeps of it (`Fit.drawn`)."""
-        return bootstrap_result(self.names, self._values(), self.draws, self.tests, self.widening)
+        return bootstrap_result(
+            self.names, self._values(), self.draws, self.tests, self.widening, self._bounds()
+        )
 
     def _values(self) -> FloatArray:
         return np.array([self.fit.values[name] for name in self.names])
+
+    def _bounds(self) -> FloatArray:
+        """Lowest and highest values of the parameters, (p, 2)."""
+        own = [self.fit.damper.parameter(name) for name in self.names]
+        return np.array([(one.low, one.high) for one in own])
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,26 @@ PREDICTED = 200  # draws of which predictions are made, and that a file keeps
 TAIL = 0.5 * (1.0 - CONFIDENCE)
 
 
-def intervals_of(values: FloatArray, draws: FloatArray, tests: int, widening: float) -> tuple[FloatArray, ...]:
-    """Lower ends, upper ends and standard errors, (p,) each, about `values` (p,) of draws (count, p)."""
+def intervals_of(
+    values: FloatArray, draws: FloatArray, tests: int, widening: float, bounds: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Lower ends, upper ends and standard errors, (p,) each, about `values` (p,) of draws (count, p).
+
+    The ends are within `bounds` (p, 2), the lowest and highest value of each parameter, as those of the intervals by
+    covariance are.
+    """
     low, middle, high = np.quantile(draws, [TAIL, 0.5, 1.0 - TAIL], axis=0)
     spread = np.std(draws, axis=0, ddof=1) * widening * quantile() / quantile(1, tests - 1.0)
-    return values - widening * (middle - low), values + widening * (high - middle), spread
+    lowest, highest = np.minimum(bounds[:, 0], values), np.maximum(bounds[:, 1], values)
+    ends = values - widening * (middle - low), values + widening * (high - middle)
+    return np.maximum(ends[0], lowest), np.minimum(ends[1], highest), spread
 
 
 def bootstrap_result(
-    names: tuple[str, ...], values: FloatArray, draws: FloatArray, tests: int, widening: float
+    names: tuple[str, ...], values: FloatArray, draws: FloatArray, tests: int, widening: float, bounds: FloatArray
 ) -> BootstrapResult:
     """What a file keeps of draws (count, p) of the parameters `names` with the fitted `values` (p,)."""
-    ends = np.column_stack(intervals_of(values, draws, tests, widening)).tolist()
+    ends = np.column_stack(intervals_of(values, draws, tests, widening, bounds)).tolist()
     kept = draws[:PREDICTED].T.tolist()
     return BootstrapResult(
         draws.shape[0], tests, widening,

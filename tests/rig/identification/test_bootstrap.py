@@ -14,9 +14,19 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, Method, bootstrap, identify
+from rig.identification.uncertainty.bootstrap_result import intervals_of
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
+
+
+def test_an_interval_ends_at_the_bound_of_its_parameter() -> None:
+    draws = np.random.default_rng(0).normal(0.51, 0.02, (400, 2))
+    bounds = np.array([[0.5, np.inf], [-np.inf, 0.515]])
+    low, high, spread = intervals_of(np.array([0.51, 0.51]), draws, 20, 1.0, bounds)
+    assert (low[0], high[1]) == (0.5, 0.515)
+    assert low[1] < 0.48 < 0.54 < high[0]
+    assert spread == pytest.approx(np.std(draws, axis=0, ddof=1) * 1.96 / 2.093, rel=1e-3)
 
 
 def test_draws_are_the_same_however_they_are_shared_out(make_synthetic: Make) -> None:
