@@ -254,7 +254,7 @@ class NextTest:
     expected_error: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Cause:
     """What probably explains a misfit, or data that no damper gives.
 
@@ -275,6 +275,11 @@ class Cause:
     def of_misfit(self) -> bool:
         """Whether it explains a part of the misfit; otherwise people read it as an observation."""
         return self.explains > 0.0
+
+    def __repr__(self) -> str:
+        """One line: code, share of the misfit, statement, what to do."""
+        share = f", explains {100.0 * self.explains:.0f} % of the misfit" if self.of_misfit else ""
+        return f"<{self.slug}{share}: {self.text}. Next: {self.next}>"
 
 
 @dataclass(frozen=True)
@@ -495,7 +500,7 @@ class SolverReport:
     objective: float = math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Profile:
     """One parameter's profile likelihood.
 
@@ -511,6 +516,11 @@ class Profile:
     deviance: tuple[float, ...]
     low: float | None
     high: float | None
+
+    def __repr__(self) -> str:
+        """The interval in one line, without the curve."""
+        low, high = ("open" if end is None else f"{end:.6g}" for end in (self.low, self.high))
+        return f"<profile likelihood at {len(self.values)} values; 95 % interval: {low} to {high}>"
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import rig
 from rig.dampers import model
 from rig.errors import DataWarning, FileProblem, IdentificationFailed, NoSuchEntry, RigError
 from rig.export import export
-from rig.fits.entries import Cause, Estimate, ModelScore, TestedRange
+from rig.fits.entries import Cause, Estimate, ModelScore, Profile, TestedRange
 from rig.fits.scores import Scores
 from rig.identification import identify_run
 from rig.recording.importing import import_tests
@@ -201,6 +201,15 @@ def test_a_print_is_a_report_of_forty_lines_at_most(fit: rig.Fit) -> None:
     assert "<script>" not in long._repr_html_()
     assert "&lt;script&gt;" in long._repr_html_()
     assert "<table" in fit._repr_html_()
+
+
+def test_causes_and_profiles_are_printed_in_one_line() -> None:
+    cause = Cause("spring", "a spring of 2 kN/mm fits better", 0.42, "stiffen the fixture")
+    assert repr(cause) == (
+        "<spring, explains 42 % of the misfit: a spring of 2 kN/mm fits better. Next: stiffen the fixture>"
+    )
+    profile = Profile(tuple(float(k) for k in range(500)), (0.0,) * 500, 1.25, None)
+    assert repr(profile) == "<profile likelihood at 500 values; 95 % interval: 1.25 to open>"
 
 
 def test_parameters_are_indexed_iterated_and_tabulated(fit: rig.Fit) -> None:
