@@ -163,6 +163,12 @@ class Display:
         unit = f"{force.unit} {time}/{length}" if slash else f"{force.unit}/({speed.unit})"
         return Shown(unit, force.scale / speed.scale)
 
+    @property
+    def acceleration(self) -> Shown:
+        """Accelerations, in the unit of speeds per second if that is a length per second, else in m/s^2."""
+        length, _, time = self.speed_unit.partition("/")
+        return Shown(f"{length}/s^2", UNITS[self.speed_unit].scale) if time == "s" else Shown("m/s^2", 1.0)
+
     def described(self, text: str, amplitude_m: float) -> str:
         """A point's `described`, which is in SI units, with its amplitude (m) in the unit of this display.
 

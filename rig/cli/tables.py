@@ -185,7 +185,7 @@ def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Block
     head = [
         Column("point"), *([Column("limits")] if refused else []), Column("waveform"), Column("ampl.", length, True),
         *([Column(fits, "", True)] if refused else []), Column("freq.", "Hz", True), Column("current", "A", True),
-        Column("speed", shown.speed.unit, True), Column("accel.", "m/s^2", True),
+        Column("speed", shown.speed.unit, True), Column("accel.", shown.acceleration.unit, True),
         Column("force", shown.force.unit, True),
         *([] if refused else [Column("heat", "J", True), Column("time", "", True)]),
     ]  # fmt: skip
@@ -204,7 +204,8 @@ def _cells(item: PlannedPoint, plan: Plan, *, with_unit: bool) -> tuple[str, ...
     return (
         point.id, *([limits] if refused else []), point.motion, number(shown.displacement.value(point.amplitude_m)),
         *([_fits(item, plan, with_unit=with_unit)] if refused else []), frequency, f"{point.current_A:.3g}",
-        number(shown.speed.value(point.peak_speed_m_s), 3), f"{point.peak_acceleration_m_s2:.2f}",
+        number(shown.speed.value(point.peak_speed_m_s), 3),
+        f"{shown.acceleration.value(point.peak_acceleration_m_s2):.2f}",
         number(None if force_N is None else shown.force.value(force_N)),
         *([] if refused else [number(item.energy_J), duration(item.duration_s)]),
     )  # fmt: skip

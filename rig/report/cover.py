@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from rig import units
 from rig.campaign_folder import CampaignFolder
 from rig.characteristics.loop import LoopCharacteristics
-from rig.display import Display
+from rig.display import SI, Display
 from rig.document.blocks import Blocks, Cover, Heading, Note, Properties, Signatures
 from rig.document.moments import local_time
 from rig.document.numbers import number
@@ -145,7 +146,7 @@ def conditions(
     points = [point for point in run.points if point.verdict != "invalid"] or list(run.points)
     stated: dict[str, object] = {
         "Specimen": specimen_of(run), "Description": table.description, "Entered on the page": details.entered,
-        **{label: details.specimen.get(key) for key, label in SPECIMEN_LABELS.items()},
+        **{label: _in_display(details.specimen.get(key), display) for key, label in SPECIMEN_LABELS.items()},
         "Customer": table.customer, "Order number": table.order_number, "Laboratory": table.laboratory,
         "Operator": details.operator or "not given", "Bench": bench_of(run), "Load cell": _instrument(load_cell or {}),
         "Motions": _motions(points, display, terms), "Currents": _currents(points), "Cycles evaluated": _cycles(loops),
@@ -262,6 +263,16 @@ def _typed(run: Run) -> Mapping[str, object]:
 
 def _list_of_mappings(value: object) -> list[Mapping[str, object]]:
     return [one for one in value if isinstance(one, Mapping)] if isinstance(value, list) else []
+
+
+def _in_display(text: str | None, display: Display) -> str | None:
+    """A length of the matrix file in the unit of a display that the user chose; anything else as it is written."""
+    if text is None or display.displacement_unit == SI.displacement_unit:
+        return text
+    try:
+        return display.displacement.text(units.parse(text, "length"))
+    except units.UnitProblem:
+        return text
 
 
 def _specimen_entries(written: object, described: object) -> dict[str, str]:

@@ -36,6 +36,8 @@ def test_numbers_are_shown_in_the_units_and_with_the_signs_of_the_table_and_SI_w
     assert shown.displacement.signed(np.array([0.0254, -0.0508])).tolist() == pytest.approx([-1.0, 2.0])
     assert shown.force.title("Force") == "Force, compression positive"
     assert shown.damping.unit == "lbf s/in"
+    assert (shown.acceleration.text(9.80665), usual.acceleration.unit) == ("386.1 in/s^2", "m/s^2")
+    assert Display.of({"speed": "mph"}).acceleration.text(9.80665) == "9.807 m/s^2"
     assert shown.damping.value(175.12683524647636) == pytest.approx(1.0)
     assert Display.of({"temperature": "degF"}).temperature.text(100.0) == "212 degF"
 

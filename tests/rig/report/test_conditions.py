@@ -14,6 +14,7 @@ from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from rig.report.cover import Details, conditions
 from rig.report.display_text import in_display
 from rig.report.document import unfinished
 from rig.report.peak_forces import force_text, greatest, peak_forces
@@ -51,6 +52,15 @@ def test_what_the_campaign_waited_for_is_reported_in_its_own_words(tmp_path: Pat
     page = fragment(point_details([a_point(30.0)], read_log(tmp_path)))
     assert page.count("<li>") == 1
     assert "cooling down from 55 to 44.8 degC" in page
+
+
+def test_the_stroke_of_the_specimen_is_stated_in_the_unit_of_the_display() -> None:
+    details = Details(specimen={"stroke": "170 mm", "coil_resistance": "5 ohm"})
+    run = Run(Path("run"), (a_point(None).point,), {})
+    page = fragment(conditions(run, details, Display.of({"displacement": "in"})))
+    assert "6.693 in" in page
+    assert "5 ohm" in page
+    assert "170 mm" in fragment(conditions(run, details, Display()))
 
 
 def test_an_incomplete_test_is_stated_with_what_stopped_it() -> None:
