@@ -258,6 +258,17 @@ def test_swapped_words_are_refused_with_the_order_that_would_be_right(device: De
     actuator.read_identity()
 
 
+def test_a_controller_with_another_number_of_decimal_places_is_refused(device: Device) -> None:
+    text = HANDSHAKE.replace("[identity]", "decimal_places = {address = 920}\n[identity]\ndecimal_places = 2")
+    device.words["holding"][900:902] = [0x0304, 0x0102]
+    device.words["holding"][920] = 3
+    actuator = driven(device, text)
+    with pytest.raises(WrongLayout, match="decimal_places 3, expected 2"):
+        actuator.read_identity()
+    device.words["holding"][920] = 2
+    actuator.read_identity()
+
+
 def test_set_points_are_laid_where_the_rod_is_before_it_can_move_and_then_streamed(device: Device) -> None:
     # 12.5 mm as f32: 0x41480000
     device.words["holding"][0:3] = [0x4148, 0, 65_500]
