@@ -12,6 +12,7 @@ the fitted parameters are from the true ones in standard errors is printed too.
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -127,6 +128,7 @@ def main() -> int:
             run = imported(kind, Path(folder))
             subprocess.run([sys.executable, "-c", STAGE, str(run)], check=True)
             for name, options in (("asymmetric", ["--model", "asymmetric"]), ("default", [])):
+                shutil.rmtree(run / "cache", ignore_errors=True)  # what the commands before stored there
                 cpu_s, peak_MB = spent(*RIG, "identify", *options, str(run))
                 goal_s = CPU_S["points" if kind == "points" else name]
                 print(f"  rig identify, {name:14} {cpu_s:6.2f} s {peak_MB:6.0f} MB (goal {goal_s:g} s)")

@@ -19,7 +19,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import HystereticModel
 from rig.dampers.parameter import Parameter, linear_parameter, shape_parameter
-from rig.dampers.separation import Motion, MotionScale, Separation
+from rig.dampers.separation import Joinable, JoinedMotions, Motion, MotionScale, Separation
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
@@ -217,7 +217,7 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
         return ThinningSeparation(scale)
 
 
-class NormalizedSeparation:
+class NormalizedSeparation(Joinable):
     """The normalised Bouc-Wen model split for projection (see `Separation`); n is searched as n - 1."""
 
     pointwise = False
@@ -242,15 +242,14 @@ class NormalizedSeparation:
         del a
         return np.column_stack((u, v, v * current, np.ones_like(u)))
 
-    def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+    def yielding(
+        self, source: Motion | JoinedMotions, rows: slice, shape: FloatArray, *, slope: bool
+    ) -> list[FloatArray]:
         """See `Separation.yielding`."""
-        from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes  # loads numba
+        from rig.dampers.loop_curve import hysteresis_of  # loads numba
 
         rho, sigma, n = float(shape[0]), float(shape[1]), LOWEST_EXPONENT + float(shape[2])
-        motion = (source.u_m, source.v_m_s, source.dt_s, source.samples_per_cycle)
-        if slope:
-            return list(hysteresis_with_slopes(rho, sigma, n, *motion)[:, rows])
-        return [hysteresis_series(0.0, rho, sigma, n, *motion)[rows]]
+        return list(hysteresis_of(rho, sigma, n, source, slope=slope)[:, rows])
 
     def held_here(self, held: frozenset[str]) -> frozenset[str]:
         """See `Separation.held_here`."""
@@ -325,7 +324,9 @@ class ThinningSeparation(NormalizedSeparation):
         self.limits = np.vstack((self.limits, (SLOWEST_BEND * top, FASTEST_BEND * top)))
         self.starts = [np.append(shape, share * top) for shape, share in product(self.starts, BENDS)]
 
-    def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+    def yielding(
+        self, source: Motion | JoinedMotions, rows: slice, shape: FloatArray, *, slope: bool
+    ) -> list[FloatArray]:
         """See `Separation.yielding`."""
         hysteretic = super().yielding(source, rows, shape[:3], slope=slope)
         argument = source.v_m_s[rows] / shape[3]

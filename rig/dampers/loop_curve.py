@@ -20,6 +20,7 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
+from rig.dampers.separation import JoinedMotions, Motion
 
 CELLS_A_UNIT = 48
 CLOSING = 0.8  # ratio of successive distances from saturation
@@ -158,10 +159,10 @@ def turning_point(u0: float, v0: float, u1: float, v1: float, dt: float) -> floa
 
 
 @njit()
-def closing_m(u: FloatArray, v: FloatArray, warm: int) -> float:
-    """Way (m) from the last sample of a cycle to the first; none where whole samples already overlap the cycle."""
-    way = u[0] - u[warm - 1]
-    return float(way) if way * v[0] > 0.0 else 0.0
+def closing_m(u: FloatArray, v: FloatArray, first: int, warm: int) -> float:
+    """Way (m) from the last sample of a cycle to its first; none where whole samples already overlap the cycle."""
+    way = u[first] - u[first + warm - 1]
+    return float(way) if way * v[first] > 0.0 else 0.0
 
 
 Place = tuple[float, float, int, float]
@@ -220,41 +221,53 @@ def _along(
     shape: tuple[float, float, float],
     u: FloatArray,
     v: FloatArray,
-    dt: float,
-    warm: int,
+    stretches: FloatArray,
     moving: FloatArray,
     out: FloatArray,
 ) -> None:
     """Fill `out` with w at each sample and, if `moving` has shape (3,), its three derivatives.
 
     One loop serves both, and the warm-up, because numba would compile all called functions again for a second loop.
+    `stretches` (k, 3) has the first sample, the sampling interval (s) and the warm-up of each motion, then the end.
     """
     rho, sigma, n = shape
     curve = loop_curve(sigma, n)
-    slopes, cell = curve, cell_of(w)
-    at = (place(curve, n, w, cell), w, cell, 1.0)
+    slopes, cell, stretch, first, warm, dt = curve, cell_of(w), 0, 0, 0, 0.0
+    start = (place(curve, n, w, cell), w, cell, 1.0)
+    at, step, by_start = start, 0, (0.0, 0.0)
     if moving.size > 0:
         slopes = curve_slopes(sigma, n)
-        moving[1], moving[2] = _slopes_at(curve, slopes, n, at)
-    for step in range(warm + u.size):
-        k = step - warm if step >= warm else step
+        by_start = _slopes_at(curve, slopes, n, start)
+    while stretch < stretches.shape[0] - 1 and u.size > 0:
+        if step == 0:
+            first, dt, warm, at = int(stretches[stretch, 0]), stretches[stretch, 1], int(stretches[stretch, 2]), start
+            if moving.size > 0:
+                moving[0], (moving[1], moving[2]) = 0.0, by_start
+        k = first + (step - warm if step >= warm else step)
         if step > 0:
-            way = closing_m(u, v, warm) if k == 0 else u[k] - u[k - 1]
-            if k > 0 and v[k - 1] * v[k] < 0.0:
+            way = closing_m(u, v, first, warm) if k == first else u[k] - u[k - 1]
+            if k > first and v[k - 1] * v[k] < 0.0:
                 turn = turning_point(u[k - 1], v[k - 1], u[k], v[k], dt)
                 at = _move(curve, slopes, n, at, moving, rho * (turn - u[k - 1]))
                 way = u[k] - turn
             at = _move(curve, slopes, n, at, moving, rho * way)
-        if step < warm:
-            continue
-        s, x, cell, direction = at
-        out[0, k] = x * direction
-        if moving.size > 0:
-            rate = direction * _rate(curve, n, s, x, cell) if x != 1.0 else 0.0
-            by_sigma, by_n = _slopes_at(curve, slopes, n, at)
-            out[1, k] = rate * moving[0] / rho
-            out[2, k] = rate * (moving[1] - by_sigma)
-            out[3, k] = rate * (moving[2] - by_n)
+        if step >= warm:
+            s, x, cell, direction = at
+            out[0, k] = x * direction
+            if moving.size > 0:
+                rate = direction * _rate(curve, n, s, x, cell) if x != 1.0 else 0.0
+                by_sigma, by_n = _slopes_at(curve, slopes, n, at)
+                out[1, k] = rate * moving[0] / rho
+                out[2, k] = rate * (moving[1] - by_sigma)
+                out[3, k] = rate * (moving[2] - by_n)
+        step += 1
+        if first + step - warm >= stretches[stretch + 1, 0]:
+            stretch, step = stretch + 1, 0
+
+
+def _stretches(u: FloatArray, dt: float, warm: int) -> FloatArray:
+    """One motion as `_along` takes it."""
+    return np.array([(0.0, dt, float(warm if warm > 1 else 0)), (float(u.size), 0.0, 0.0)])
 
 
 def hysteresis_series(
@@ -273,7 +286,7 @@ def hysteresis_series(
         warm: number of samples of one whole cycle that is run first, so the start has no effect; 0: no warm-up.
     """
     out: FloatArray = np.empty((1, u.size))
-    _along(float(w), (float(rho), float(sigma), float(n)), u, v, dt, warm if warm > 1 else 0, np.empty(0), out)
+    _along(float(w), (float(rho), float(sigma), float(n)), u, v, _stretches(u, dt, warm), np.empty(0), out)
     return out.reshape(u.size)
 
 
@@ -292,5 +305,30 @@ def hysteresis_with_slopes(
         warm: samples of one whole cycle that is run once before, from w = 0; 0 for none.
     """
     out = np.empty((4, u.size))
-    _along(0.0, (float(rho), float(sigma), float(n)), u, v, dt, warm if warm > 1 else 0, np.zeros(3), out)
+    _along(0.0, (float(rho), float(sigma), float(n)), u, v, _stretches(u, dt, warm), np.zeros(3), out)
+    return out
+
+
+def hysteresis_of(
+    rho: float, sigma: float, n: float, motion: Motion | JoinedMotions, *, slope: bool
+) -> FloatArray:
+    """Normalised hysteretic variable along one motion or several, from w = 0 and warmed up by a cycle of each.
+
+    Args:
+        rho: inverse of the yield displacement (1/m); the shape must be one that `has_curve` accepts.
+        sigma: shape of the loop (1).
+        n: sharpness of the bend (1).
+        motion: the motion.
+        slope: whether the derivatives with respect to rho, sigma and n follow.
+
+    Returns:
+        Shape (1, samples), with the derivatives (4, samples).
+    """
+    out = np.empty((4 if slope else 1, motion.u_m.size))
+    if isinstance(motion, JoinedMotions):
+        stretches = motion.stretches
+    else:
+        stretches = _stretches(motion.u_m, motion.dt_s, motion.samples_per_cycle)
+    moving = np.zeros(3 if slope else 0)
+    _along(0.0, (float(rho), float(sigma), float(n)), motion.u_m, motion.v_m_s, stretches, moving, out)
     return out

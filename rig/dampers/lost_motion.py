@@ -26,7 +26,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import HystereticModel
 from rig.dampers.parameter import Parameter, linear_parameter, shape_parameter
-from rig.dampers.separation import Motion, MotionScale, OwnNames, Separation
+from rig.dampers.separation import Joinable, JoinedMotions, Motion, MotionScale, OwnNames, Separation
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
@@ -123,7 +123,7 @@ class LostMotionModel(HystereticModel):
         return LostMotionSeparation(scale)
 
 
-class LostMotionSeparation(OwnNames):
+class LostMotionSeparation(OwnNames, Joinable):
     """The model split for projection (see `Separation`): yield shapes h, u h, (1 - |h|) v and asinh(v/vt)."""
 
     pointwise = False
@@ -149,21 +149,22 @@ class LostMotionSeparation(OwnNames):
         del a
         return np.column_stack((u, v, v * current, np.ones_like(u)))
 
-    def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+    def yielding(
+        self, source: Motion | JoinedMotions, rows: slice, shape: FloatArray, *, slope: bool
+    ) -> list[FloatArray]:
         """See `Separation.yielding`."""
-        from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes  # loads numba
+        from rig.dampers.loop_curve import hysteresis_of  # loads numba
 
         rho, bend = float(shape[0]), float(shape[1])
-        motion = (source.u_m, source.v_m_s, source.dt_s, source.samples_per_cycle)
         u, v = source.u_m[rows], source.v_m_s[rows]
         thinning = np.arcsinh(v / bend)
+        w, *by_shape = hysteresis_of(rho, SIGMA, SHARPNESS, source, slope=slope)[:, rows]
+        columns = [*_engaged(w, u, v), thinning]
         if not slope:
-            w = hysteresis_series(0.0, rho, SIGMA, SHARPNESS, *motion)[rows]
-            return [*_engaged(w, u, v), thinning]
-        w, by_rho = hysteresis_with_slopes(rho, SIGMA, SHARPNESS, *motion)[:2, rows]
-        opening = ENGAGED * np.abs(w) ** (ENGAGED - 1.0) * by_rho
+            return columns
+        opening = ENGAGED * np.abs(w) ** (ENGAGED - 1.0) * by_shape[0]
         by_bend = -v / (bend * np.hypot(bend, v))
-        return [*_engaged(w, u, v), thinning, opening, opening * u, -np.sign(w) * opening * v, by_bend]
+        return [*columns, opening, opening * u, -np.sign(w) * opening * v, by_bend]
 
 
 def _engaged(w: FloatArray, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -60,6 +60,39 @@ class Motion(Protocol):
     def samples_per_cycle(self) -> int: ...  # noqa: D102 - described above
 
 
+@dataclass(frozen=True)
+class JoinedMotions:
+    """Motions of several tests, one after the other in each array (n,); what has a memory starts again at each of them.
+
+    Attributes:
+        u_m: extension about mid-stroke (m).
+        v_m_s: velocity (m/s).
+        a_m_s2: acceleration (m/s^2).
+        current_A: coil current (A).
+        stretches: first sample, sampling interval (s) and samples of the first whole cycle (0: no whole cycle) of each
+            test; the last row is the end. Shape (tests + 1, 3).
+    """
+
+    u_m: FloatArray
+    v_m_s: FloatArray
+    a_m_s2: FloatArray
+    current_A: FloatArray
+    stretches: FloatArray
+
+    @classmethod
+    def of(cls, motions: Sequence[Motion]) -> JoinedMotions:
+        """Several motions, one after the other."""
+        ends = np.cumsum([0, *(one.u_m.size for one in motions)])
+        cycles = [one.samples_per_cycle if one.samples_per_cycle > 1 else 0 for one in motions]
+        return cls(
+            np.concatenate([one.u_m for one in motions]),
+            np.concatenate([one.v_m_s for one in motions]),
+            np.concatenate([one.a_m_s2 for one in motions]),
+            np.concatenate([one.current_A for one in motions]),
+            np.column_stack((ends, [*(one.dt_s for one in motions), 0.0], [*cycles, 0])).astype(float),
+        )
+
+
 class Separation(Protocol):
     """A model split for projection: what is linear without the shape, and the yield shapes times powers of the current.
 
@@ -138,6 +171,10 @@ class OwnNames:
     def at_limit(self, met: Mapping[str, float]) -> dict[str, float]:
         """See `Separation.at_limit`."""
         return dict(met)
+
+
+class Joinable:
+    """Base of a `Separation` whose `yielding` also accepts `JoinedMotions`: one call for many short tests."""
 
 
 @dataclass(frozen=True)

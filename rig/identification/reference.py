@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.covered import Covered
 from rig.extras import how_to_install
 from rig.fits.entries import Reference
 from rig.identification.models.coverage import beyond, covered_by
@@ -82,23 +83,23 @@ def _regression(
     seen = _mean(_errors(whole, fitted, most))
     if held_out:
         errors = _errors(whole, held_out, most)
-        return _regressed(seen, [(error, test, fitted) for error, test in zip(errors, held_out, strict=True)])
+        covered = covered_by(fitted)
+        return _regressed(seen, [(error, test, covered) for error, test in zip(errors, held_out, strict=True)])
     folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
     if len(folds) < 2:
         return Reference("regression", None, seen, "all tests have the same motion, so none can be held out")
-    unseen: list[tuple[float, Measurement, Sequence[Measurement]]] = []
+    unseen: list[tuple[float, Measurement, Covered]] = []
     for fold in folds:
         rest = [test for other in folds if other is not fold for test in other]
         learnt = _learnt([_spaced(test, most) for test in rest])
-        unseen += [(error, test, rest) for error, test in zip(_errors(learnt, fold, most), fold, strict=True)]
+        covered = covered_by(rest)
+        unseen += [(error, test, covered) for error, test in zip(_errors(learnt, fold, most), fold, strict=True)]
     return _regressed(seen, unseen)
 
 
-def _regressed(
-    seen: float | None, errors: Sequence[tuple[float, Measurement, Sequence[Measurement]]]
-) -> Reference:
-    """The regression by its errors on fitted tests and on unseen ones, each with the tests that it learnt from."""
-    within = [error for error, test, learnt in errors if not beyond(covered_by(learnt), test)]
+def _regressed(seen: float | None, errors: Sequence[tuple[float, Measurement, Covered]]) -> Reference:
+    """The regression by its errors on fitted tests and on unseen ones, each with what it learnt from covers."""
+    within = [error for error, test, covered in errors if not beyond(covered, test)]
     return Reference("regression", _mean([error for error, _, _ in errors]), seen, "", _mean(within))
 
 

@@ -256,7 +256,7 @@ WARNINGS = {
         "validation tests outside the range of the fitted currents, where the relations are not valid: {tests}"
     ),
     "given-up": (
-        "{model}: stopped after {evaluations} evaluations on one cycle of each test: the error of this model, "
+        "{model}: stopped after {evaluations} evaluations on one cycle of {tests}: the error of this model, "
         "{reached_N:.3g} N, is {times:.1f} times that of the best model so far, {rival_N:.3g} N"
     ),
 }

@@ -19,8 +19,8 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import ModelScore, TestError, mean_within
 from rig.identification.models.coverage import beyond, covered_by
-from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
-from rig.identification.models.separable import SearchAbandoned, SearchState, motion_scale
+from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced, spanning
+from rig.identification.models.separable import SCREENED, SearchAbandoned, SearchState, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.remarks import Remark, say, some
@@ -41,7 +41,8 @@ class _Attempt:
 
     Attributes:
         candidate: the fitted model; None without one.
-        rmse_N: its root mean square error on the tests; infinite without one, or if no other model is compared.
+        rmse_N: its root mean square error on the tests of `spanning`; infinite without one, or if no other model is
+            compared.
         reached: state of its search when it was compared with a rival.
         free: number of its free parameters.
         refused: reason why the method cannot fit it; empty if it can.
@@ -63,7 +64,8 @@ def _attempt(
     try:
         with evaluating(f"the fit of {model.name}"):
             candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
-            rmse_N = math.inf if alone else score(model, candidate.solution.values, fitted).rmse_N
+            seen = spanning(fitted, SCREENED)
+            rmse_N = math.inf if alone else score(model, candidate.solution.values, seen).rmse_N
     except SearchAbandoned as error:
         return _Attempt(None, math.inf, error.reached, free)
     except IdentificationFailed as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,10 +16,12 @@ NEAR = 0.1
 
 def covered_by(tests: Sequence[Measurement]) -> Covered:
     """Lowest and highest displacement, velocity, current and recorded temperature of tests, one at least."""
+    motion = (_widest(pairs) for pairs in zip(*(test.reaches for test in tests), strict=True))
+    displacement_m, velocity_m_s, current_A = motion
     return Covered(
-        displacement_m=_ends(test.u_m for test in tests),
-        velocity_m_s=_ends(test.v_m_s for test in tests),
-        current_A=_ends(test.current_A for test in tests),
+        displacement_m=displacement_m,
+        velocity_m_s=velocity_m_s,
+        current_A=current_A,
         temperature_degC=recorded_degC(tests),
     )
 
@@ -28,11 +30,10 @@ def recorded_degC(tests: Sequence[Measurement]) -> Ends | None:
     """Lowest and highest recorded temperature (degC); None where none was."""
     known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
     finite = [part for values in known if (part := values[np.isfinite(values)]).size]
-    return _ends(finite) if finite else None
+    return _widest([(float(np.min(values)), float(np.max(values))) for values in finite]) if finite else None
 
 
-def _ends(arrays: Iterable[FloatArray]) -> Ends:
-    pairs = [(float(np.min(values)), float(np.max(values))) for values in arrays]
+def _widest(pairs: Sequence[Ends]) -> Ends:
     return min(low for low, _ in pairs), max(high for _, high in pairs)
 
 

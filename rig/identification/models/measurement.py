@@ -20,6 +20,7 @@ from rig.signals.test_set import CurrentReading, MotionReading, TestSet, read_cu
 
 PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
 FEWEST_OF_A_CYCLE = 16
+READINGS = ("current", "motion", "cycles_last_s", "reaches")  # of the samples, kept once they were needed
 ARRAYS = (
     "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
     "temperature_degC",
@@ -230,6 +231,24 @@ class Measurement:
         requested = nominal if known and self.motion_requested else None
         return MotionReading(self.waveform, *measured, error_m, scatter * frequency_Hz, requested)
 
+    @cached_property
+    def cycles_last_s(self) -> tuple[float, float]:
+        """How long the shortest and the longest cycles last (s): the 5 % and 95 % quantiles; NaN without a cycle.
+
+        A test of which a single cycle is left shows no two crossings; its cycle lasts as long as it does.
+        """
+        times_s = cycle_times_s(self)
+        if not times_s.size:
+            only_s = self.samples_per_cycle * self.dt_s if self.samples_per_cycle > 0 else math.nan
+            return only_s, only_s
+        low_s, high_s = np.quantile(times_s, (0.05, 0.95)).tolist()
+        return low_s, high_s
+
+    @cached_property
+    def reaches(self) -> tuple[tuple[float, float], ...]:
+        """Lowest and highest extension (m), velocity (m/s) and current (A)."""
+        return tuple((float(np.min(one)), float(np.max(one))) for one in (self.u_m, self.v_m_s, self.current_A))
+
     def rows(self, part: slice) -> Measurement:
         """Some of the samples, next to each other, without a copy of them."""
         piece = self._without_readings()
@@ -246,7 +265,7 @@ class Measurement:
     def _without_readings(self) -> Measurement:
         """A copy whose current and motion are read again: its samples will be others."""
         other = copy(self)
-        for name in ("current", "motion"):
+        for name in READINGS:
             other.__dict__.pop(name, None)
         return other
 
@@ -298,6 +317,26 @@ def thinned(test: Measurement, every: int) -> Measurement:
 def spaced(test: Measurement, most: int) -> Measurement:
     """A measurement with so few of its samples that a cycle has at most about `most`."""
     return thinned(test, max(1, test.samples_per_cycle // most))
+
+
+def spanning(tests: Sequence[Measurement], most: int) -> list[Measurement]:
+    """At most so many of the tests, as different as possible in amplitude, top speed and current, in their order.
+
+    The first is the fastest; each next one is the test farthest from those already taken.
+    """
+    if len(tests) <= most:
+        return list(tests)
+    features = np.array([
+        (float(np.ptp(test.u_m)), float(np.max(np.abs(test.v_m_s))), float(np.mean(test.current_A))) for test in tests
+    ])  # fmt: skip
+    features /= np.maximum(np.ptp(features, axis=0), 1e-300)
+    taken = [int(np.argmax(features[:, 1]))]
+    distance = np.full(len(tests), np.inf)
+    while len(taken) < most:
+        distance = np.minimum(distance, np.sum((features - features[taken[-1]]) ** 2, axis=1))
+        distance[taken] = -1.0
+        taken.append(int(np.argmax(distance)))
+    return [tests[number] for number in sorted(taken)]
 
 
 def samples_a_cycle(u_m: FloatArray) -> float:

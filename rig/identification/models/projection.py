@@ -10,18 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-from rig.dampers.separation import Separation
+from rig.dampers.separation import Joinable, JoinedMotions, Motion, Separation
 from rig.identification.models.inner_least_squares import Inner, Reduction
 from rig.identification.models.measurement import Measurement
 
 Weight = Literal["v", "1", "relative"]
 
 PIECE = 32768
+JOINED = 4096  # samples up to which short tests are evaluated together: what is made of them stays in the cache
 ALL = slice(None)
 JUMP_REACH = 1.5  # intervals of mean cycles, within which a jump of the force changes their means
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
@@ -75,12 +76,12 @@ class Weighting:
 
 @dataclass(frozen=True)
 class Piece:
-    """Weighted samples: regressors X w (n, k), force F w, and the rows of the measurement they come from."""
+    """Weighted samples: regressors X w (n, k), force F w, and the rows of the motion they come from."""
 
     fixed: FloatArray
     force: FloatArray
     weight: FloatArray
-    source: Measurement
+    source: Motion | JoinedMotions
     rows: slice
 
     @property
@@ -132,14 +133,43 @@ class Projection:
         return iter(self._kept) if self._kept is not None else self._stream()
 
     def _stream(self) -> Iterator[Piece]:
-        for index, test in enumerate(self._measurements):
+        for together in self._together():
+            if len(together) > 1:
+                yield self._joined(together)
+                continue
+            (index,) = together
+            test = self._measurements[index]
             length = PIECE * self._every if self.form.pointwise else test.u_m.size
             for start in range(0, test.u_m.size, length):
                 rows = slice(start, min(start + length, test.u_m.size), self._every)
-                u, v, a, current = test.u_m[rows], test.v_m_s[rows], test.a_m_s2[rows], test.current_A[rows]
                 weight = self._weighting.of(test, index, rows)
-                fixed = self.form.fixed_columns(u, v, a, current) * weight[:, None]
-                yield Piece(fixed, test.force_N[rows] * weight, weight, test, rows)
+                yield self._piece(test, rows, test.force_N[rows], weight)
+
+    def _together(self) -> list[list[int]]:
+        """Numbers of the tests that make one piece each, or several pieces if there is only one of them."""
+        if not isinstance(self.form, Joinable):
+            return [[index] for index in range(len(self._measurements))]
+        groups: list[list[int]] = []
+        room = 0
+        for index, test in enumerate(self._measurements):
+            room -= test.u_m.size
+            if room < 0:
+                groups.append([])
+                room = JOINED - test.u_m.size
+            groups[-1].append(index)
+        return groups
+
+    def _joined(self, together: Sequence[int]) -> Piece:
+        """Several tests as one piece."""
+        tests = [self._measurements[index] for index in together]
+        weights = [self._weighting.of(test, index) for index, test in zip(together, tests, strict=True)]
+        force_N = np.concatenate([test.force_N for test in tests])
+        return self._piece(JoinedMotions.of(tests), ALL, force_N, np.concatenate(weights))
+
+    def _piece(self, source: Motion | JoinedMotions, rows: slice, force_N: FloatArray, weight: FloatArray) -> Piece:
+        """The rows of a motion with their regressors and force, weighted."""
+        motion = (source.u_m[rows], source.v_m_s[rows], source.a_m_s2[rows], source.current_A[rows])
+        return Piece(self.form.fixed_columns(*motion) * weight[:, None], force_N * weight, weight, source, rows)
 
     def objective(self, shape: FloatArray) -> float:
         """The least objective at this shape; shape (s,) in the order of the model's `shape_names`."""
@@ -160,7 +190,8 @@ class Projection:
 
     def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
         """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
-        columns, counts = self.form.yielding(piece.source, piece.rows, shape, slope=slope), self._counts(slope=slope)
+        source: Any = piece.source  # joined motions only if the form is `Joinable`
+        columns, counts = self.form.yielding(source, piece.rows, shape, slope=slope), self._counts(slope=slope)
         block, place, current_A = np.empty((sum(counts), piece.weight.size)), 0, piece.current_A
         for column, count in zip(columns, counts, strict=True):
             np.multiply(column, piece.weight, out=block[place])

@@ -23,14 +23,15 @@ from rig.dampers.separation import MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 from rig.errors import IdentificationFailed
 from rig.identification.models.inner_least_squares import Inner
-from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.measurement import Measurement, first_cycle, spaced, spanning
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.tanh_projection import TanhProjection
 from rig.identification.remarks import Remark, say
-from rig.optimisers.least_squares import Descent, Squares, descend
+from rig.optimisers.least_squares import Descent, Squares, descend, unit_scale
 
 THINNED_SAMPLES = 2500
 SEARCHED = 125  # samples of a cycle that the search of a model with states sees
+SCREENED = 30  # tests on which the starts of such a search are compared
 STARTS = 4  # of a tanh model's grid, refined on thinned data
 LOOP_STARTS = 3  # of a loop's grid, refined on one cycle of each test
 TOLERANCE = 1e-9  # share of the objective that a step must promise
@@ -41,6 +42,8 @@ RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not t
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 ABANDON_RATIO = 2.0  # times a rival's root mean square error, after the descents; start values are not compared
+LEAST_CURVATURE = 0.02  # least eigenvalue of the estimated curvature, each unknown scaled by its own J'J
+FLAT = 1e-12  # share of the largest curvature below which the curvature of an unknown is not estimated
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
@@ -50,12 +53,14 @@ class SearchState:
     """State of a search when it was compared with the error of another model.
 
     Attributes:
-        rmse_N: root mean square error on one cycle of each test (N).
-        evaluations: number of evaluations until then, on one cycle of each test.
+        rmse_N: root mean square error on one cycle of each test of `spanning` (N).
+        evaluations: number of evaluations until then, on the same samples.
+        selected: whether these are not all tests.
     """
 
     rmse_N: float
     evaluations: int
+    selected: bool
 
     def abandon_reason(self, model: str, rival_N: float) -> Remark | None:
         """Reason to abandon the search; None to continue.
@@ -69,6 +74,7 @@ class SearchState:
         return say(
             "given-up", model=model, evaluations=self.evaluations, reached_N=self.rmse_N,
             times=self.rmse_N / rival_N, rival_N=rival_N,
+            tests=f"each of {SCREENED} selected tests" if self.selected else "each test",
         )  # fmt: skip
 
 
@@ -199,6 +205,8 @@ def solve_loop(
 ) -> Solution:
     """Fit any model that splits: given its shape, the force is linear in the rest.
 
+    Its starts are compared on one cycle of at most `SCREENED` tests; the best is refined on all samples.
+
     Args:
         measurements: the tests.
         model: the damper model.
@@ -210,11 +218,11 @@ def solve_loop(
     without = form.held_here(held)
     single, passes = [first_cycle(test) for test in measurements], 0.0
     if near is None:
-        # weights of single samples, as a robust loss gives them, belong to all samples of a cycle
-        few = single if weighting.extra is not None else [spaced(test, SEARCHED) for test in single]
+        # weights of single samples, as a robust loss gives them, belong to all samples of a cycle, and each to its test
+        few = single if weighting.extra is not None else [spaced(one, SEARCHED) for one in spanning(single, SCREENED)]
         thin = Projection(form, few, weighting, without=without)
         order = np.argsort([thin.objective(shape) for shape in form.starts])[:LOOP_STARTS]
-        refined = [refine(thin, form.starts[k], LOOP_ROUGH) for k in order]
+        refined = [refine(thin, form.starts[k], LOOP_ROUGH, secant=True) for k in order]
         start, _ = min(refined, key=lambda minimum: minimum[1].objective)
         passes += thin.evaluations * _samples(few)
     else:
@@ -222,11 +230,11 @@ def solve_loop(
     full = Projection(form, measurements, weighting, without=without)
     same = all(one is test for one, test in zip(single, measurements, strict=True))
     short = full if same else Projection(form, single, weighting, without=without)
-    shape, inner = refine(short, start, LOOP_ROUGH)
+    shape, inner = refine(short, start, LOOP_ROUGH, secant=True)
     if isinstance(form, UnitSeparation) and inner.objective > DESCRIBED * _noise_power(single, weighting):
         inner = full.solve(shape, slope=False)
     else:
-        shape, inner = refine(full, shape, LOOP_FINE)
+        shape, inner = refine(full, shape, LOOP_FINE, secant=True)
     passes += 0.0 if same else short.evaluations * _samples(single)
     evaluations = full.evaluations + int(np.ceil(passes / _samples(measurements)))
     values = form.values(inner.linear, shape)
@@ -302,13 +310,22 @@ class Projected(Protocol):
 
 
 class _ShapeSquares(Squares):
-    """The projected sum of squares: one pass gives value and slopes; positive shapes move by their logarithms."""
+    """The projected sum of squares: one pass gives value and slopes; positive shapes move by their logarithms.
 
-    def __init__(self, projection: Projected) -> None:
+    J'J alone is not the curvature if the residual is misfit: the descent then converges slowly, in zigzag steps. With
+    `secant`, the rest of the curvature is estimated from the changes of the gradient (Powell's symmetric Broyden update;
+    compare Dennis, Gay and Welsch 1981) and added as long as the sum is positive definite. A shape parameter at a limit
+    stays there while the objective falls beyond it.
+    """
+
+    def __init__(self, projection: Projected, *, secant: bool) -> None:
         self._projection = projection
         self.logarithmic, self._limits = np.array(projection.form.logarithmic, dtype=bool), projection.form.limits
         self._last: Inner | None = None
         self.taken: Inner | None = None
+        self._secant = secant
+        self._before: tuple[FloatArray, FloatArray] | None = None
+        self._rest = np.zeros((self.logarithmic.size, self.logarithmic.size))
 
     def value(self, theta: FloatArray) -> float:
         """See `Squares.value`."""
@@ -319,7 +336,32 @@ class _ShapeSquares(Squares):
         """See `Squares.slopes`."""
         self.taken = inner = self._last or self._projection.solve(theta)
         chain = np.where(self.logarithmic, theta, 1.0)
-        return inner.curvature * (chain[:, None] * chain), inner.gradient * chain
+        curvature, gradient = inner.curvature * (chain[:, None] * chain), inner.gradient * chain
+        if self._secant:
+            moving = self.logarithmic & (theta > 0.0)
+            self._learn(np.where(moving, np.log(np.where(moving, theta, 1.0)), theta), gradient, curvature)
+            whole, scale = curvature + self._rest, unit_scale(curvature, FLAT)
+            if np.linalg.eigvalsh(whole / np.outer(scale, scale))[0] > LEAST_CURVATURE:
+                curvature = whole
+        low, high = self._limits[:, 0], self._limits[:, 1]
+        fixed = ((theta <= low) & (gradient < 0.0)) | ((theta >= high) & (gradient > 0.0))
+        if fixed.any():
+            own = np.diag(curvature).copy()
+            curvature[fixed] = curvature[:, fixed] = 0.0
+            np.fill_diagonal(curvature, own)
+            gradient[fixed] = 0.0
+        return curvature, gradient
+
+    def _learn(self, place: FloatArray, gradient: FloatArray, curvature: FloatArray) -> None:
+        """Update the rest of the curvature from the change of the gradient since the last accepted shape."""
+        if self._before is not None:
+            step, change = place - self._before[0], self._before[1] - gradient
+            length = float(step @ step)
+            if length > 0.0:
+                missing = change - (curvature + self._rest) @ step
+                self._rest += (np.outer(missing, step) + np.outer(step, missing)) / length
+                self._rest -= float(step @ missing) / length**2 * np.outer(step, step)
+        self._before = place, gradient.copy()
 
     def moved(self, theta: FloatArray, step: FloatArray) -> FloatArray:
         """See `Squares.moved`."""
@@ -328,15 +370,18 @@ class _ShapeSquares(Squares):
         return np.asarray(np.minimum(np.maximum(trial, self._limits[:, 0]), self._limits[:, 1]))
 
 
-def refine(projection: Projected, start: FloatArray, tolerance: float = TOLERANCE) -> tuple[FloatArray, Inner]:
+def refine(
+    projection: Projected, start: FloatArray, tolerance: float = TOLERANCE, *, secant: bool = False
+) -> tuple[FloatArray, Inner]:
     """Descend on the projected objective; the shape (s,) it ends at, and the inner solution there.
 
     Args:
         projection: the objective as a function of the shape.
         start: shape parameters, shape (s,).
         tolerance: it ends when a step promises less than this share of the objective.
+        secant: whether the rest of the curvature is estimated, too; see `_ShapeSquares`.
     """
-    squares = _ShapeSquares(projection)
+    squares = _ShapeSquares(projection, secant=secant)
     longest = np.where(squares.logarithmic, LONGEST_LOGARITHM, np.inf)
     shape, _ = descend(squares, start, Descent(tolerance, longest=longest))
     return shape, squares.taken or projection.solve(shape)

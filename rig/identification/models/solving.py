@@ -137,7 +137,7 @@ def solve(
         method: how.
         findings: parameters the tests cannot determine are held, at zero or where the findings fix them.
         start: values of a fit to nearly the same tests; `separable` then needs no global search.
-        rival_N: root mean square error of another model on the same tests (N).
+        rival_N: root mean square error of another model on the tests of `spanning` (N).
 
     Raises:
         IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.

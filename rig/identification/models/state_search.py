@@ -1,7 +1,8 @@
 """Fit of the models with internal states that do not split: all parameters at once, sensitivities by differences.
 
 Started from what the model proposes, which may be the solution of a simpler model that it contains as a limit. Starts
-compete on one cycle of each test; the best is finished on all samples where it comes near the noise.
+compete on one cycle of at most `SCREENED` tests, the best goes on with one cycle of each test, and is finished on all
+samples where it comes near the noise.
 
 The search is bounded by evaluations, on one cycle of each test of at most `SEARCHED` samples, and no state may be
 faster than the integration can follow; so its work is bounded whatever the data are, and the same on any machine.
@@ -21,9 +22,10 @@ from rig.dampers.catalogue import model as damper_model
 from rig.dampers.kernel import Compiled, force_series
 from rig.dampers.model import DamperModel
 from rig.dampers.separation import MotionScale, Search, Unknowns
-from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.measurement import Measurement, first_cycle, spaced, spanning
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import (
+    SCREENED,
     SEARCHED,
     SearchAbandoned,
     SearchState,
@@ -158,19 +160,20 @@ def solve_states(
         weighting: which samples count, and how much.
         held: parameters left out, held at zero.
         start: values to start from instead of those the model proposes.
-        rival_N: root mean square error of another model on the same tests (N).
+        rival_N: root mean square error of another model on the tests of `spanning` (N).
 
     Raises:
         SearchAbandoned: the rival is so much better that nothing more is tried.
     """
     search = model.search()
     single = [first_cycle(test) for test in measurements]
+    screened = spanning(single, SCREENED) if start is None and weighting.extra is None else single
     if start is None:
-        starts = search.starts(_simpler_values(search, single, weighting, held), motion_scale(measurements))
+        starts = search.starts(_simpler_values(search, screened, weighting, held), motion_scale(measurements))
     else:
         starts = [search.named(start)]
     unknowns = search.unknowns(starts[0], held)
-    few = [spaced(test, SEARCHED) for test in single]
+    few = [spaced(test, SEARCHED) for test in screened]
     short = StateSquares(search, unknowns, few, weighting)
     full = StateSquares(search, unknowns, measurements, weighting)
     families = [starts[k : k + search.family] for k in range(0, len(starts), search.family)]
@@ -178,16 +181,21 @@ def solve_states(
     best_of = [min(family, key=lambda pair: pair[0]) for family in seen]
     nearest = min(value for value, _ in best_of)
     thetas = [theta for value, theta in best_of if value <= FAR_OFF * nearest]
-    share = short.counting / max(1, full.counting)
     part = MOST_EVALUATIONS // (2 * len(thetas))
     first = FIRST_ITERATIONS if len(thetas) > 1 else ITERATIONS
     rough = NEARLY if start is not None and nearest > DESCRIBED * short.noise_power else ROUGH
     tried = [short.minimise(theta, first, rough, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda minimum: minimum[1])
-    reached = SearchState(math.sqrt(best[1] / max(short.weight, 1e-300)), short.evaluations)
+    widened = len(screened) < len(single)
+    reached = SearchState(math.sqrt(best[1] / max(short.weight, 1e-300)), short.evaluations, widened)
     if (reason := reached.abandon_reason(model.name, rival_N)) is not None:
         raise SearchAbandoned(reason, reached)
-    theta, left = best if len(thetas) == 1 else short.minimise(best[0], ITERATIONS, ROUGH)
+    if widened:
+        few, seen_share = [spaced(test, SEARCHED) for test in single], short.evaluations * short.counting
+        short = StateSquares(search, unknowns, few, weighting)
+        short.evaluations = math.ceil(seen_share / max(1, short.counting))
+    share = short.counting / max(1, full.counting)
+    theta, left = best if len(thetas) == 1 and not widened else short.minimise(best[0], ITERATIONS, ROUGH)
     natural = unknowns.values(theta)
     bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
     if bound:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import needs_lag
-from rig.identification.models.measurement import Measurement, cycle_times_s
+from rig.identification.models.measurement import Measurement
 from rig.identification.remarks import Remark, say
 from rig.signals.test_set import CurrentLevels, CurrentReading, current_levels
 
@@ -142,17 +143,12 @@ def _one_frequency(measurements: Sequence[Measurement]) -> bool:
     """Whether all cycles last as long.
 
     A second harmonic of the motion, or the corners of a triangle, would tell inertia and stiffness apart in a perfect
-    recording; their acceleration is known far too badly for that. A test of which a single cycle is left shows no two
-    crossings; its cycle lasts as long as it does.
+    recording; their acceleration is known far too badly for that.
     """
-    lasting = [
-        np.quantile(times_s if times_s.size else [test.samples_per_cycle * test.dt_s], (0.05, 0.95))
-        for test, times_s in ((test, cycle_times_s(test)) for test in measurements)
-        if times_s.size or test.samples_per_cycle > 0
-    ]
+    lasting = [test.cycles_last_s for test in measurements if not math.isnan(test.cycles_last_s[0])]
     if not lasting:
         return False
-    return bool(max(high for _, high in lasting) <= (1.0 + SAME_FREQUENCY) * min(low for low, _ in lasting))
+    return max(high for _, high in lasting) <= (1.0 + SAME_FREQUENCY) * min(low for low, _ in lasting)
 
 
 def _unlike(measurements: Sequence[Measurement]) -> float:
