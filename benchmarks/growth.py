@@ -121,6 +121,13 @@ class Lab:
         name = f"{self.code.name}-run-{points}-{currents}{'-fitted' if fitted else ''}"
         return self.fresh(next(self.once(name, fill).iterdir()))
 
+    def long_run(self, rows: int) -> Path:
+        """A run of one test of so many rows; a fresh copy each time."""
+        def fill(place: Path) -> None:
+            self.rig("import", str(self.record(rows)), *COLUMNS, f"--out={place}")
+
+        return self.fresh(next(self.once(f"{self.code.name}-long-{rows}", fill).iterdir()))
+
     def fresh(self, run: Path) -> Path:
         """A copy of a run, without what is kept beside its points."""
         copy = Path(tempfile.mkdtemp(prefix="copy-", dir=self.folder)) / run.name
@@ -248,6 +255,16 @@ run = WatchedRun(Path(sys.argv[1]))
 sizes = [len(repr(part)) for part in (run.description(), run.results(), run.state(), run.news())]
 sys.stderr.write(f"{sizes}")
 """
+RESUME = """
+import sys
+from pathlib import Path
+from rig.campaign.confirmation import open_stops
+from rig.recording.journal.campaign_log import CampaignLog
+folder = Path(sys.argv[1])
+stops = open_stops(folder)
+CampaignLog(folder).close()
+"""
+"""What `rig run --resume` does with a journal: look for stops that were not confirmed, then open it to append."""
 LAST = "import sys; from rig.campaign_folder import run_path; run_path(sys.argv[1])"
 HISTORY = """
 import sys
@@ -259,13 +276,14 @@ history.look()
 """
 
 
-def campaign(lab: Lab, hours: int) -> list[str]:
-    """The page's look at a campaign of so many hours that has ended: its journal, verdicts and events."""
+def campaign_of(lab: Lab, hours: int) -> Path:
+    """The folder of a campaign of so many hours that has ended: its journal, verdicts and events."""
     def fill(place: Path) -> None:
         (place / "points").mkdir()
         points = [f"p{k:05d}" for k in range(hours * HOURS_POINTS)]
         (place / "campaign.json").write_text(json.dumps({"id": place.name, "specimen": "MR-001", "points": points}))
         with (place / "journal.jsonl").open("w", encoding="utf-8") as journal:
+            journal.write(json.dumps({"utc": "2026-01-01T00:00:00+00:00", "event": "connected"}) + "\n")
             for name in points:
                 entry = {"utc": "2026-01-01T00:00:00+00:00", "event": "station", "what": "sent", "id": name}
                 journal.writelines(json.dumps(entry) + "\n" for _ in range(LINES_OF_A_POINT - 2))
@@ -273,7 +291,7 @@ def campaign(lab: Lab, hours: int) -> list[str]:
                 judged = {"event": "judged", "verdict": "valid", "reasons": [], "file": f"points/{name}.h5"}
                 journal.write(json.dumps({**entry, **judged, "peak_force_rebound_N": 1.0}) + "\n")
 
-    return ["-c", CAMPAIGN, str(lab.once(f"campaign-{hours}", fill))]
+    return lab.once(f"campaign-{hours}", fill)
 
 
 def report_of(lab: Lab, points: int) -> list[str]:
@@ -296,6 +314,10 @@ WORKS = (
          (10_000_000,), rival=True),
     Work("`rig import`, files", "files", (2, 20, 200),
          lambda lab, n: ["-c", RIG, "import", *lab.files(n), *COLUMNS, f"--out={lab.folder / 'imported'}"], (2_000,)),
+    Work("`rig identify --model asymmetric`, rows of one test", "rows", (10_000, 100_000, 1_000_000),
+         lambda lab, n: ["-c", RIG, "identify", str(lab.long_run(n)), "--model=asymmetric"], (10_000_000,)),
+    Work("`rig identify` (five models), points", "points", (4, 20, 200),
+         lambda lab, n: ["-c", RIG, "identify", str(lab.run(n))], (2_000,)),
     Work("`rig identify --model asymmetric`, points", "points", (4, 20, 200),
          lambda lab, n: ["-c", RIG, "identify", str(lab.run(n)), "--model=asymmetric"], (2_000,)),
     Work("`rig identify --model asymmetric`, currents of 100 points", "currents", (1, 5, 25),
@@ -325,7 +347,10 @@ WORKS = (
          lambda lab, n: ["-c", LAST, str(indexed(lab, n) / "last")]),
     Work("history on the page, shown twice", "runs", (10, 100, 1_000, 10_000),
          lambda lab, n: ["-c", HISTORY, str(indexed(lab, n))]),
-    Work("page of a finished campaign", "hours", (1, 5, 10, 20), campaign),
+    Work("page of a finished campaign", "hours", (1, 5, 10, 20),
+         lambda lab, n: ["-c", CAMPAIGN, str(campaign_of(lab, n))]),
+    Work("journal of a campaign that is resumed", "hours", (1, 10, 100, 1_000),
+         lambda lab, n: ["-c", RESUME, str(campaign_of(lab, n))], remark="1,440 lines per hour"),
 )
 
 

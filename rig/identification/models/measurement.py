@@ -60,6 +60,7 @@ class MeanCycles:
         noise_N: standard deviation of the means from one mean cycle to the next (N); NaN if unknown.
         peak_force_N: largest deviation of the recorded force from its mean (N).
         spread: whether the samples of a mean are spread over a phase interval; otherwise all have the same phase.
+        cycles: number of recorded cycles in each mean cycle.
     """
 
     samples: float
@@ -67,6 +68,7 @@ class MeanCycles:
     noise_N: float
     peak_force_N: float
     spread: bool = True
+    cycles: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +190,11 @@ class Measurement:
     def recorded_each(self) -> float:
         """Number of recorded samples that each sample represents."""
         return 1.0 if self.means is None else self.means.samples
+
+    @property
+    def cycles_each(self) -> float:
+        """Number of recorded cycles that each cycle represents."""
+        return 1.0 if self.means is None else self.means.cycles
 
     @property
     def scatter_N(self) -> float:

@@ -313,9 +313,9 @@ class _ShapeSquares(Squares):
     """The projected sum of squares: one pass gives value and slopes; positive shapes move by their logarithms.
 
     J'J alone is not the curvature if the residual is misfit: the descent then converges slowly, in zigzag steps. With
-    `secant`, the rest of the curvature is estimated from the changes of the gradient (Powell's symmetric Broyden update;
-    compare Dennis, Gay and Welsch 1981) and added as long as the sum is positive definite. A shape parameter at a limit
-    stays there while the objective falls beyond it.
+    `secant`, the rest is estimated from the changes of the gradient (Powell's symmetric Broyden update; compare Dennis,
+    Gay and Welsch 1981) and added as long as the sum is positive definite. A shape parameter at a limit stays there
+    while the objective falls beyond it.
     """
 
     def __init__(self, projection: Projected, *, secant: bool) -> None:
@@ -340,9 +340,7 @@ class _ShapeSquares(Squares):
         if self._secant:
             moving = self.logarithmic & (theta > 0.0)
             self._learn(np.where(moving, np.log(np.where(moving, theta, 1.0)), theta), gradient, curvature)
-            whole, scale = curvature + self._rest, unit_scale(curvature, FLAT)
-            if np.linalg.eigvalsh(whole / np.outer(scale, scale))[0] > LEAST_CURVATURE:
-                curvature = whole
+            curvature = self._whole(curvature)
         low, high = self._limits[:, 0], self._limits[:, 1]
         fixed = ((theta <= low) & (gradient < 0.0)) | ((theta >= high) & (gradient > 0.0))
         if fixed.any():
@@ -351,6 +349,14 @@ class _ShapeSquares(Squares):
             np.fill_diagonal(curvature, own)
             gradient[fixed] = 0.0
         return curvature, gradient
+
+    def _whole(self, curvature: FloatArray) -> FloatArray:
+        """J'J with the estimated rest; J'J alone if the sum is not positive definite or the shape has no effect."""
+        if not np.max(np.abs(self._rest), initial=0.0) < np.max(np.diag(curvature), initial=0.0) / FLAT:
+            return curvature
+        whole, scale = curvature + self._rest, unit_scale(curvature, FLAT)
+        definite = np.linalg.eigvalsh(whole / np.outer(scale, scale))[0] > LEAST_CURVATURE
+        return whole if definite else curvature
 
     def _learn(self, place: FloatArray, gradient: FloatArray, curvature: FloatArray) -> None:
         """Update the rest of the curvature from the change of the gradient since the last accepted shape."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 from collections.abc import Callable, Sequence
@@ -26,6 +27,8 @@ REVERSED_SIGN = (
     "the measured force acts with the motion instead of against it: force or displacement has the wrong sign, or their "
     "columns are swapped (displacement increases with extension; a positive force resists extension)"
 )
+FORCE_DIGEST = "force-digest"
+"""Name of the cache entry that holds the SHA-256 of a point's force."""
 PHASES = 64
 DIFFERENT_OF_PEAK = 0.1  # of two tests alike: more is more than a real damper changes from cycle to cycle
 DIFFERENT_OF_NOISE = 2.0
@@ -92,12 +95,26 @@ def without_still(tests: Sequence[Measurement]) -> tuple[list[Measurement], list
 
 
 def _fingerprint(test: RecordedPoint | Measurement) -> bytes | None:
-    """Of a test's force; None where its file is damaged, which the preparation of the test reports."""
+    """SHA-256 of a test's force; None if its file is damaged, which the preparation of the test reports."""
+    if isinstance(test, Measurement):
+        return _digest(test.force_N)
+    from rig.recording.point_cache import Entry, PointCache  # reads recordings, which measurements do not need
+
+    cache = PointCache(test, FORCE_DIGEST, "")
+    entry = cache.read()
+    if entry is not None:
+        with contextlib.suppress(KeyError, TypeError, ValueError):  # an entry that this program did not write
+            return bytes.fromhex(entry.values["sha256"])
     try:
-        force = test.force_N if isinstance(test, Measurement) else test.force_samples.force_N
+        digest = _digest(test.force_samples.force_N)
     except FileProblem:
         return None
-    return hashlib.sha256(np.ascontiguousarray(force).data).digest()
+    cache.write(Entry({"sha256": digest.hex()}, {}))
+    return digest
+
+
+def _digest(force_N: FloatArray) -> bytes:
+    return hashlib.sha256(np.ascontiguousarray(force_N).data).digest()
 
 
 def without_reversed_signs(measurements: Sequence[Measurement]) -> tuple[list[Measurement], list[Remark]]:

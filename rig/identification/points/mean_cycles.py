@@ -109,7 +109,9 @@ def _averaged(test: Measurement, places: _Places, motion: Mapping[str, FloatArra
         force_N=force_N.ravel(), current_A=np.full(force_N.size, float(test.current_A[0])),
         dt_s=test.dt_s * places.period / places.phases, samples_per_cycle=places.phases,
         usable=None if bool(np.all(known)) else known.ravel(), temperature_degC=_temperature_degC(test, places),
-        means=MeanCycles(samples, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N, spread),
+        means=MeanCycles(
+            samples, math.sqrt(squares_N2 / count), noise_N, test.peak_force_N, spread, places.cycles / places.groups
+        ),
         warnings=(*test.warnings, say("mean-cycles", samples=test.u_m.size, **numbers)),
     )  # fmt: skip
 

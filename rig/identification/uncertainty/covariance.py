@@ -110,7 +110,9 @@ def information(
         power = sums.power / max(1, sums.count)
         counting = weighting.counting(test, index)
         error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
-        residual = assess_residual(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
+        residual = assess_residual(
+            error, counting, test.u_m, test.dt_s, known_power=sums.known_power, cycles_each=test.cycles_each
+        )
         residuals.append(residual if test.means is None else _of_recorded(residual, test.means, power))
         motion_N2.append(sums.known_power)
         independent += sums.count / residual.widening

@@ -21,7 +21,7 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.fits.entries import Residual
 from rig.identification.models.measurement import PIECE, samples_a_cycle
 
-MOST_CYCLES = 50  # lags of whole cycles that are averaged
+MOST_CYCLES = 50  # recorded cycles by which a residual is shifted at most to find what repeats
 MOST_LAGS = 20
 FEWEST_SAMPLES = 30
 LONGEST_PART = 1 << 16  # samples whose autocovariance is found at once
@@ -33,7 +33,13 @@ WORTH_WARNING = 1.25  # by which intervals must be widened before it is worth a 
 
 
 def assess_residual(
-    residual_N: FloatArray, counting: BoolArray, u_m: FloatArray, dt_s: float, *, known_power: float = 0.0
+    residual_N: FloatArray,
+    counting: BoolArray,
+    u_m: FloatArray,
+    dt_s: float,
+    *,
+    known_power: float = 0.0,
+    cycles_each: float = 1.0,
 ) -> Residual:
     """Judge one test.
 
@@ -43,6 +49,7 @@ def assess_residual(
         u_m: extension about mid-stroke (m), whose crossings show the cycles, shape (n,).
         dt_s: sampling interval (s).
         known_power: mean square (N^2) of what repeats and is counted elsewhere, such as errors of the motion.
+        cycles_each: number of recorded cycles that each cycle represents (mean cycles).
     """
     count, whole = int(np.count_nonzero(counting)), residual_N.size
     power = sum_of_squares(residual_N, counting) / max(1, count)
@@ -50,7 +57,7 @@ def assess_residual(
         return Residual(math.sqrt(power), 0.0, dt_s, math.nan, math.nan, 1.0)
     period = samples_a_cycle(u_m)
     gamma, pairs = _autocovariance_of_parts(residual_N, counting, period)
-    repeating, error = _repeating(gamma, pairs, period)
+    repeating, error = _repeating(gamma, pairs, period, max(1, round(MOST_CYCLES / cycles_each)))
     half = repeating.size
     noise = gamma[:half] - repeating
     limit = 2.0 / math.sqrt(count)
@@ -113,11 +120,15 @@ def autocovariance(values: FloatArray, share: float) -> tuple[FloatArray, FloatA
     return gamma, pairs
 
 
-def _repeating(gamma: FloatArray, pairs: FloatArray, period: float) -> tuple[FloatArray, float]:
-    """Autocovariance (half a cycle of lags) of what repeats, and the standard error of its first value."""
+def _repeating(gamma: FloatArray, pairs: FloatArray, period: float, most: int) -> tuple[FloatArray, float]:
+    """Autocovariance (half a cycle of lags) of what repeats within `most` cycles, and the first value's standard error.
+
+    A drift repeats in cycles near each other. Over the whole test its autocovariances add up to nearly nothing, because
+    the fit has removed its mean: more cycles would hide it.
+    """
     half = max(2, min(int(period / 2.0), gamma.size // 2))
     reach = np.arange(-half + 1, half)
-    count = min(MOST_CYCLES, int((gamma.size - half) / period))
+    count = min(most, int((gamma.size - half) / period))
     lags = np.rint(period * np.arange(1, count + 1)).astype(np.int64)
     if count < 1:
         return np.zeros(half), math.inf

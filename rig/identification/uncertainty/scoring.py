@@ -125,7 +125,7 @@ def describes(
         if math.isnan(test.sample_noise_N) and test.u_m.size < FEWEST_CYCLES * samples_a_cycle(test.u_m):
             continue
         counting = weighting.counting(test, index)
-        residual = assess_residual(error, counting, test.u_m, test.dt_s)
+        residual = assess_residual(error, counting, test.u_m, test.dt_s, cycles_each=test.cycles_each)
         count = int(np.count_nonzero(counting))
         if count == 0:
             continue

@@ -1,6 +1,7 @@
 """The models with internal states against an independent integrator, limits and invariances."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 from rig.dampers import model, parameter_set
 from rig.dampers.kernel import advance_of, force_series
-from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes
+from rig.dampers.loop_curve import hysteresis_of, hysteresis_series, hysteresis_with_slopes
+from rig.dampers.separation import JoinedMotions
 
 OMEGA, AMPLITUDE, CURRENT = 2.0 * np.pi * 1.5, 0.02, 0.8
 
@@ -322,3 +324,28 @@ def test_slopes_without_a_warm_up_start_from_rest() -> None:
     found = hysteresis_with_slopes(1500.0, 0.6, 2.0, u, v, 0.001, 0)
     assert found[:, 0] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-12)
     assert found[0] == pytest.approx(hysteresis_series(0.0, 1500.0, 0.6, 2.0, u, v, 0.001, 0), abs=1e-9)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """One motion with its own rate, amplitude and cycle."""
+
+    u_m: np.ndarray
+    v_m_s: np.ndarray
+    a_m_s2: np.ndarray
+    current_A: np.ndarray
+    dt_s: float
+    samples_per_cycle: int
+
+
+@pytest.mark.parametrize("slope", [False, True])
+def test_joined_motions_have_the_loops_of_single_ones(slope: bool) -> None:
+    """Bit by bit: each motion starts again, from its own warm-up and with its own interval."""
+    swings = []
+    for amplitude_m, dt_s, warm in ((0.02, 0.001, 997), (0.005, 0.004, 250), (0.03, 0.002, 0)):
+        t = dt_s * np.arange(700 if warm == 0 else warm + 9)
+        u, v = amplitude_m * np.sin(6.3 * t), 6.3 * amplitude_m * np.cos(6.3 * t)
+        swings.append(Swing(u, v, -39.7 * u, 0.0 * u, dt_s, warm))
+    joined = hysteresis_of(1500.0, 0.6, 2.0, JoinedMotions.of(swings), slope=slope)
+    single = [hysteresis_of(1500.0, 0.6, 2.0, swing, slope=slope) for swing in swings]
+    np.testing.assert_array_equal(joined, np.concatenate(single, axis=1))

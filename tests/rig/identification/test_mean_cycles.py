@@ -8,10 +8,14 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement, identify
 from rig.identification.models.measurement import samples_a_cycle
+from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.projection import Weighting
+from rig.identification.models.solving import Method, solve
+from rig.identification.models.undetermined import examine
 from rig.identification.points import mean_cycles as module
 from rig.identification.points.inputs import fit_inputs
 from rig.identification.points.mean_cycles import mean_cycles
+from rig.identification.uncertainty.covariance import information
 
 NOISE_N = 5.0
 WITHOUT_JUMP = {**parameter_set("demo").values, "delta": 0.0}
@@ -122,3 +126,22 @@ def test_a_drift_of_clock_and_force_does_not_prevent_averaging() -> None:
     test = long_test(1.000001)
     heated = replace(test, force_N=test.force_N * np.linspace(1.0, 0.8, test.u_m.size))
     assert mean_cycles(heated).means is not None
+
+
+@pytest.mark.parametrize("current_A", [0.0, 0.5])
+def test_the_errors_of_a_drifting_test_are_those_of_all_samples(
+    current_A: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """140 cycles whose force falls by a fifth: the standard errors include that, also by means of 8 cycles."""
+    monkeypatch.setattr(module, "KEPT", 8192)
+    whole = long_test(2.0, current_A)
+    drifting = replace(whole, force_N=whole.force_N * np.linspace(1.0, 0.8, whole.u_m.size))
+    chosen = model("asymmetric")
+    errors = []
+    for test in (drifting, mean_cycles(drifting)):
+        findings = examine(chosen, [test])
+        values = solve(chosen, [test], Method(), findings).values
+        fitted = FittedModel(chosen, values, tuple(name for name in findings.free(chosen.names) if name != "eta"))
+        known = information(fitted, [test], Weighting())
+        errors.append([known.standard_error(name) for name in known.names])
+    np.testing.assert_allclose(errors[1], errors[0], rtol=0.1)

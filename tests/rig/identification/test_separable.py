@@ -7,6 +7,7 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement, Method, identify
+from rig.identification.models.measurement import spanning
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import solve_separable
 from rig.identification.models.solving import solve
@@ -109,3 +110,23 @@ def test_a_published_algorithm_leaves_the_scale_of_bouc_wen_as_it_is(make_synthe
     true = dict(parameter_set("demo-bouc-wen").values)
     tests = make_synthetic(true, (0.0, 1.0), (1.0,), name="bouc_wen", cycles=3)
     assert identify(tests, model="bouc_wen", method=Method("de", budget=300)).values["A"] == 1.0
+
+
+def test_a_search_among_misfits_ends_in_the_minimum(make_synthetic: Make) -> None:
+    """Bouc-Wen on tests of another damper: n ends at its limit, and no further search finds less."""
+    chosen, tests = model("normalized_bouc_wen"), make_synthetic(DEMO)
+    found = solve(chosen, tests, Method(), Undetermined())
+    again = solve(chosen, tests, Method(), Undetermined(), found.values)
+    assert again.objective == pytest.approx(found.objective, rel=1e-7)
+    assert again.evaluations < 12
+    assert found.at_limit == {"n": pytest.approx(1.001)}
+
+
+def test_starts_are_compared_on_tests_that_span_all(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO)
+    assert spanning(tests, len(tests)) == tests
+    few = spanning(tests, 4)
+    assert [test for test in tests if test in few] == few
+    for quantity in (lambda test: np.max(test.v_m_s), lambda test: np.mean(test.current_A)):
+        assert max(map(quantity, few)) == max(map(quantity, tests))
+    assert min(np.mean(test.current_A) for test in few) == min(np.mean(test.current_A) for test in tests)
