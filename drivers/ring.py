@@ -119,6 +119,7 @@ class Channel(IntEnum):
     HYBRID_WHEEL = 64, "m", "Hybrid test: calculated height of the wheel"
     SIGNAL_TIME = 65, "s", "Signal: time of each set-point since the start of the signal"
     SIGNAL_TARGET = 66, "m", "Signal: target position of the rod at each set-point, relative to the centre"
+    SIGNAL_COMMAND = 67, "m", "Signal: iterated command at each set-point, relative to the centre"
 
     @property
     def label(self) -> str:

@@ -68,6 +68,8 @@ class CampaignFolder:
 
     cache = _Inside("cache")
     """Folder of results cached for each point (`rig.recording.point_cache`); may be deleted."""
+    drives = _Inside("drives")
+    """Folder of the iterated commands of signals (`rig.recording.drive_file`)."""
     fit = _Inside("fit.json")
     characteristics = _Inside("characteristics.json")
     acceptance = _Inside("acceptance.json")

@@ -51,6 +51,7 @@ class TestPoint:
             start of the motion, ramp included; 0 first); each current is held until the next. Empty at any other point.
         law: what commands the current of a hybrid test; else empty.
         record: the motion of a signal; a recorded point keeps only its facts, without samples.
+        target: what the rod is to follow where `record` is the iterated command for it; not recorded.
         forecast: peaks of a hybrid test; not recorded.
         by_speed: whether the matrix states a speed at this amplitude, so that the frequency follows; not recorded.
         compensator: leads the set-points of a hybrid test; not recorded.
@@ -74,6 +75,7 @@ class TestPoint:
     steps_s: tuple[float, ...] = ()
     law: str = ""
     record: RecordFacts | None = None
+    target: Record | None = None
     forecast: Forecast | None = None
     compensator: str = ""
     by_speed: bool = field(default=False, compare=False)

@@ -15,7 +15,7 @@ from rig.files.described import described as read_description
 from rig.files.names import is_file
 from simulators.conditioner import group_delay_s
 from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
-from simulators.options import SI_UNITS, RigOptions, SensorOptions
+from simulators.options import SI_UNITS, ControllerOptions, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 
 BY_HAND = "generic-scpi"
@@ -91,7 +91,7 @@ def bench_text(
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
         *actuator,
-        f'poll = "{poll_ms(rtu, speed)} ms"',
+        f'poll = "{poll_ms(controller, rtu, speed):g} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
         f'watchdog = "{1000 if relaxed else 500} ms"',
@@ -169,8 +169,10 @@ def _input_delay(options: RigOptions) -> list[str]:
     return [f'input_delay = "{1e3 * position:.4f} ms"'] if position == force else []
 
 
-def poll_ms(rtu: bool, speed: float) -> int:
+def poll_ms(controller: ControllerOptions, rtu: bool, speed: float) -> float:
     """Period of the host's polls (wall ms): shorter on a fast rig, whose motion is seen at few instants otherwise."""
+    if controller.poll_s > 0.0:
+        return 1e3 * controller.poll_s
     if rtu:
         return 20
     return 10 if speed <= 1.0 else 4

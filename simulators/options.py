@@ -109,6 +109,7 @@ class ControllerOptions:
 
     Without a `generator` it moves by set-points that are streamed to it, and only so. `register_map` names the
     map, or is a user's file, as which its registers appear; empty: the demo's, by whether there is a generator.
+    `poll_s` is the period of the host's polls (wall s) in the bench file; 0: as usual for the link and the speed.
     """
 
     serial_number: str = "SIM-ACT-1"
@@ -124,6 +125,7 @@ class ControllerOptions:
     move_acceleration_m_s2: float = 2.0
     following_error_max_m: float = 0.040
     watchdog_ms: int = 0
+    poll_s: NotNegative = 0.0
     generator: bool = True
     register_map: str = ""
     clock_offset_us: float = math.nan

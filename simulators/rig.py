@@ -342,7 +342,8 @@ class SimulatedRig:
             behind |= pressure.waits_for(client, due if fast else CAPACITY, patience_s)
         polled = fast and not self._faulty if shared is None else shared.watched
         if polled and self.actuator.owner:
-            poll_s = poll_ms(self.run_options.actuator == "rtu", speed) * 1e-3
+            rtu = self.run_options.actuator == "rtu"
+            poll_s = poll_ms(self.options.controller, rtu, speed) * 1e-3
             allowed_s = POLLS_LATE * poll_s if shared is None else poll_s + TICK_S + shared.allowed_s
             behind |= pressure.waits_for_poll(served_s - self.bank.polled_s, allowed_s, patience_s)
         return behind

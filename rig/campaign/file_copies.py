@@ -13,6 +13,7 @@ from rig.bench import named_files
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, Refused
 from rig.matrix import named_files as matrix_files
+from rig.matrix.model import Matrix
 from rig.recording.atomic_write import inner_folder, write_durably
 from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes, read_text
 
@@ -130,10 +131,38 @@ def keep_bench(source: Path, kept: Path) -> None:
         raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error
 
 
+def keep_drives(run: Path, folder: Path, matrix: Matrix) -> None:
+    """Copy the stored commands of an earlier run into a new campaign, which starts its iterations from them.
+
+    Args:
+        run: the earlier run.
+        folder: the new campaign's directory.
+        matrix: of the new campaign.
+
+    Raises:
+        Refused: they cannot be copied.
+        FileProblem: the run has none, one cannot be read, or the matrix iterates no signal.
+    """
+    if matrix.sweep.iterate is None:
+        raise FileProblem("--drives", ["the matrix has no [matrix.iterate] table, so no command is iterated. Fix: add "
+            "the table, or remove --drives"])
+    own = CampaignFolder(folder).drives
+    files = sorted(CampaignFolder(run).drives.glob("*.h5"))
+    if not files:
+        text = f"contains no commands: {own.name}/ is missing or empty. Fix: specify a run whose signals were iterated"
+        raise FileProblem(str(run), [text])
+    try:
+        inner_folder(folder, own.name)
+    except OSError as error:
+        raise Refused("dir-readonly", f"{own}: cannot be written: {error}") from error
+    for file in files:
+        keep_file(file, own / file.name)
+
+
 def _reserved(bench: str) -> frozenset[str]:
     """Names in a campaign's folder that a file of the bench must not have."""
     of = CampaignFolder
-    return frozenset({bench, of.bench, of.matrix, of.details, of.records, of.points, of.cache, of.reference})
+    return frozenset({bench, of.bench, of.matrix, of.details, of.records, of.points, of.cache, of.reference, of.drives})
 
 
 def _with_names(text: str, names: Mapping[str, str]) -> str:

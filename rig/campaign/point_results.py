@@ -44,6 +44,7 @@ class PointResults:
         motion_s: planned motion of the points recorded (s, rig's clock).
         start_temperature_degC: the coil's first reading in this session; None before.
         waits: what the damper's temperature cost.
+        iterations: how the commands of signals were iterated, by point.
         setpoints: counts and lateness (s) of the set-points streamed so far; None without any.
     """
 
@@ -57,6 +58,7 @@ class PointResults:
     start_temperature_degC: float | None = None
     waits: list[Wait] = field(default_factory=list)
     setpoints: dict[str, float] | None = None
+    iterations: dict[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def take_setpoints(self, counts: Mapping[str, Any]) -> None:
         """The station's count of all set-points streamed so far, after a motion."""
@@ -67,7 +69,8 @@ class PointResults:
         quality: Mapping[str, float] | None = None,
     ) -> PointResult:
         """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
-        result = PointResult(point, file, verdict, tuple(reasons), lost_samples, quality or {})
+        iteration = self.iterations.get(point.id)
+        result = PointResult(point, file, verdict, tuple(reasons), lost_samples, quality or {}, iteration)
         if file is not None:
             self.measured.add(file)
         known = self.results.get(point.id)

@@ -51,6 +51,7 @@ class CampaignOptions:
         serial_number: of the specimen, where it is not the one in the matrix file; empty: as in the file.
         confirmed: codes of the stops whose causes the operator has confirmed before resuming; None: resuming confirms
             all of them, as at the terminal, where they are printed.
+        drives_path: an earlier run from whose commands the iterations of signals start; None: from the signals.
         planned: `plan_digest` of the plan that the operator saw on a page; empty: none.
         files: contents of the matrix, the bench file and the files that they name; these bytes are run and stored.
     """
@@ -68,6 +69,7 @@ class CampaignOptions:
     serial_number: str = ""
     confirmed: frozenset[str] | None = None
     planned: str = ""
+    drives_path: Path | None = None
     files: FirstRead = field(default_factory=FirstRead, compare=False, repr=False)
 
 
@@ -81,6 +83,7 @@ class PointResult:
     reasons: tuple[str, ...] = ()
     lost_samples: int = 0
     quality: Mapping[str, float] = field(default_factory=dict)
+    iteration: Mapping[str, Any] | None = None
 
     @property
     def id(self) -> str:
@@ -115,6 +118,7 @@ class PointResult:
             "peak_force_compression_N": None if peak is None else peak.compression_N,
             "blamed": [blamed(reason) for reason in self.reasons],
             "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},
+            "iteration": None if self.iteration is None else dict(self.iteration),
         }
 
 

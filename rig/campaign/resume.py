@@ -246,7 +246,10 @@ def _damage(file: Path) -> tuple[str, ...]:
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
     loop = recorded.quality.loop
     peaks = LoopQuality(rebound_N=loop.rebound_N, compression_N=loop.compression_N).numbers
-    return PointResult(point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples, peaks)
+    return PointResult(
+        point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples, peaks,
+        recorded.commanded.iterated,
+    )
 
 
 NAME = r"[a-z0-9_]{1,60}"

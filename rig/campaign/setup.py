@@ -22,7 +22,7 @@ from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop, resume_command
-from rig.campaign.file_copies import keep_bench, keep_matrix, kept_hashes
+from rig.campaign.file_copies import keep_bench, keep_drives, keep_matrix, kept_hashes
 from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
@@ -149,6 +149,8 @@ def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, mat
         keep_matrix(options.matrix_path, CampaignFolder(folder).matrix, options.serial_number)
         if options.bench_path is not None:
             keep_bench(options.bench_path, CampaignFolder(folder).bench)
+    if options.drives_path is not None:
+        keep_drives(options.drives_path, folder, matrix)
     write_description(folder, bench, matrix, options)
 
 

@@ -104,6 +104,17 @@ MESSAGES = {
     "beyond-shift": "the centre would have to be moved by {wanted_mm:.4g} mm, but only {allowed_mm:.4g} mm is allowed",
     "valve-saturated": "the valve is saturated: this speed requires more flow than the valve can pass",
     "no-answer": "the motion does not follow a larger command (following error up to {error_mm:.3g} mm)",
+    # Iteration of the command of a signal
+    "identifying": "{point}: identifying the response of the machine with noise",
+    "response-identified": "{point}: response identified: coherent at {band}, delay {delay_ms:.3g} ms",
+    "kept-drive": "{point}: the iteration starts from a stored command",
+    "iterated": "{point}: iteration {number}: RMS error {percent:.3g} % of the target",
+    "converged": "{point}: iteration {number}: RMS error {percent:.3g} % of the target; within tolerance",
+    "iteration-ended": "{point}: {why}",
+    "no-command": "no command could be calculated from the trial",
+    "no-rod": "the trial was not recorded completely, so no command could be calculated from it",
+    "command-overdue": "the next command was not calculated in time",
+    "drive-not-kept": "{file}: the command and its errors could not be stored: {error}; the iteration continues",
     # What the operator reads beside the points
     "resume-confirms": "by resuming you confirm that the following was checked and fixed: {text}",
     "resuming": "resuming: {kept} points kept, {left} to run",

@@ -13,7 +13,7 @@ import click
 from rig.campaign_folder import CampaignFolder
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.junit import junit_option, junit_report, take_campaign, take_specimen
-from rig.cli.options import Command, ResumedRun, json_option, out_option
+from rig.cli.options import Command, ResumedRun, RunPath, json_option, out_option
 from rig.cli.output import console, show, shown_path, write_json
 from rig.cli.page import live_link, page_options, page_settings
 from rig.errors import FileProblem
@@ -64,6 +64,10 @@ if TYPE_CHECKING:
 )
 @click.option("--serial-number", metavar="TEXT", help="Serial number of the specimen, in place of the one in the "
                                                       "matrix file.")
+@click.option(
+    "--drives", type=RunPath(), metavar="RUN",
+    help="With [matrix.iterate]: start from the commands stored in an earlier run with the same specimen and bench.",
+)
 # Options of the page of a bench (docs/maintainers/decisions/page-that-operates.md): what its operator has seen.
 @click.option("--planned", metavar="SHA256", hidden=True)
 @click.option("--confirmed", metavar="CODES", hidden=True)
@@ -90,6 +94,7 @@ def command(
     requalified: str | None,
     no_identify: bool,
     serial_number: str | None,
+    drives: Path | None,
     planned: str | None, confirmed: str | None, operated: bool,
     page: bool,
     page_address: str | None,
@@ -113,7 +118,7 @@ def command(
         if real_time:
             simulator_args = (*simulator_args, "--real-time")
         _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
-        _check_specimen(serial_number, resume)
+        _check_specimen(serial_number, drives, resume)
         words = _requalified(requalified, resume)
         settings = page_settings(page_address, page_cert, page_key, enabled=page, hold=hold, stay=stay)
         # loads numpy and pyserial: not needed for the help
@@ -151,7 +156,7 @@ def command(
             attended=_attended(as_json=as_json),
             serial_number=serial_number or "",
             confirmed=None if confirmed is None else frozenset(filter(None, confirmed.split(","))),
-            planned=planned or "", files=files,
+            planned=planned or "", drives_path=drives, files=files,
         )
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None
@@ -321,12 +326,14 @@ def _check_usage(
                                    "`rig simulate`")  # fmt: skip
 
 
-def _check_specimen(serial_number: str | None, resume: Path | None) -> None:
-    """Refuse another specimen in the middle of a campaign.
+def _check_specimen(serial_number: str | None, drives: Path | None, resume: Path | None) -> None:
+    """Refuse another specimen, or the commands of another run, in the middle of a campaign.
 
     Raises:
-        UsageError: a serial number is given for a resumed campaign.
+        UsageError: one is given for a resumed campaign.
     """
+    if drives is not None and resume is not None:
+        raise click.UsageError("a resumed campaign starts from its own stored commands. Fix: remove --drives")
     if serial_number is not None and resume is not None:
         raise click.UsageError("a resumed campaign keeps its specimen. Fix: remove --serial-number")
 

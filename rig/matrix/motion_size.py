@@ -33,7 +33,7 @@ OTHER_NAMES: Mapping[str, str] = {
     "displacement": "amplitude or stroke", "peak_to_peak": "stroke", "freq": "frequency",
 }
 """Names that test engineers use for these entries, and the entry."""
-LATER = ("stroke_m", "speed_m_s")
+LATER = ("stroke_m", "speed_m_s", "iterate")
 """Entries that came after campaigns without them had been run: where they are not used, no digest includes them."""
 
 

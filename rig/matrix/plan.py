@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -27,9 +28,9 @@ from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.sensor_timing import skew_hints
 from rig.matrix.stopping import stopping_reach
-from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks
+from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks, some
 from rig.signals.stopping import Reach
-from rig.test_point import LOOP, TestPoint
+from rig.test_point import LOOP, SIGNAL, TestPoint
 
 SETTLING_S = 0.5
 """Allowed for each point beside its motion: current settles, rod returns to centre, file closes."""
@@ -202,7 +203,7 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     warnings = (
         *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
         *amplitude_hints(in_order, adapted=matrix.sweep.adapt_amplitude), *gap_warnings(in_order, bench),
-        *lost_answer_hints(bench),
+        *lost_answer_hints(bench), *_iteration_hints(in_order, matrix),
     )
     if specimen.assumed is not None:
         warnings += specimen.assumed.hints(item.point for item in points)
@@ -222,6 +223,23 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         loads = [load_of(point, predict) for point in in_order]
         waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
     return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings, display)
+
+
+def _iteration_hints(points: Sequence[TestPoint], matrix: Matrix) -> tuple[str, ...]:
+    """How many trials may precede the points whose command is iterated, and how long they take; empty without any."""
+    signals = [point for point in points if point.kind == SIGNAL]
+    if matrix.sweep.iterate is None or not signals:
+        return ()
+    settings = matrix.sweep.iterate.settings
+    motions = {(point.record_samples and point.record_samples.mark, point.current_A): point for point in signals}
+    longest_s = math.fsum(
+        settings.noise_s + (settings.most + 1) * point.motion_s for point in motions.values()
+    )
+    return (
+        f"{some(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: at each current, "
+        f"noise of {settings.noise_s:g} s and up to {settings.most + 1} trials precede the recorded point (up to "
+        f"{longest_s:.0f} s of motion in total, not included in the rig time)",
+    )
 
 
 def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:

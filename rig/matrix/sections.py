@@ -38,7 +38,7 @@ from rig.matrix.motion_size import (
     PeakSpeed,
     Stroke,
 )
-from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
+from rig.matrix.signal_tables import FileTable, IterateTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
 from rig.units import show
@@ -179,6 +179,7 @@ class Sweep(Motions):
     sweep: SweepTable | None = None
     road: RoadTable | None = None
     file: FileTable | None = None
+    iterate: IterateTable | None = None
 
     @property
     def signals(self) -> dict[str, SignalTable]:
@@ -222,6 +223,12 @@ class Sweep(Motions):
                 yield ("waveform",), f"{name} requires a table [matrix.{name}] (see docs/files.md)"
             if name in self.signals and name not in self.waveform:
                 yield (name,), f'the table is not used. Fix: write waveform = ["{name}"], or remove the table'
+        if self.iterate is not None and not self.signals:
+            names = ", ".join(f'"{name}"' for name in SIGNAL_NAMES)
+            yield ("iterate",), (
+                f"applies only to signals, but none is listed. Fix: list {names} in waveform, or remove the table; the "
+                "amplitude of cyclic motions is adapted by adapt_amplitude"
+            )
 
     @property
     def cyclic(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from rig.files.loader import load_section
 from rig.files.quantity import Quantity, located
 from rig.files.section import Section
 from rig.matrix.record_file import LARGEST_BYTES, read_record
+from rig.signals.drive_iteration import IterationSettings
 from rig.signals.record import (
     LONGEST_S,
     STEP_S,
@@ -196,3 +197,32 @@ class FileTable(SignalTable):
             Path(name).stem, even_m, self.ramp_s, amplitude_m=self.amplitude_m, highest_Hz=self.highest_Hz,
             sha256=self._hashes[name],
         )
+
+
+class IterateTable(Section):
+    """`[matrix.iterate]`: the command of each signal is iterated until the rod follows the signal."""
+
+    tolerance: Annotated[float, Quantity("ratio", "0.1 %", "20 %")] = Field(
+        default=0.02, description="RMS deviation of the rod from the signal after removal of the delay, relative to "
+            "the RMS of the signal about its mean"
+    )
+    most: int = Field(
+        default=6, alias="iterations", ge=1, le=20, description="largest number of corrections of the command"
+    )
+    gain: float = Field(default=0.8, ge=0.05, le=1.0, description="share of the error that an iteration corrects")
+    least_coherence: float = Field(
+        default=0.8, alias="coherence", ge=0.5, le=0.999, description="frequencies with a smaller coherence of "
+            "command and displacement are not corrected"
+    )
+    noise_s: Annotated[float, Quantity("time", "10 s", "120 s")] = Field(
+        default=20.0, alias="noise_duration", description="duration of the noise with which the response of the "
+            "machine is identified"
+    )
+    noise_level: Annotated[float, Quantity("ratio", "5 %", "100 %")] = Field(
+        default=0.5, description="RMS speed of the noise relative to that of the signal"
+    )
+
+    @property
+    def settings(self) -> IterationSettings:
+        """The settings as a value."""
+        return IterationSettings(**{name: getattr(self, name) for name in type(self).model_fields})

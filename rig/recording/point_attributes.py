@@ -5,6 +5,7 @@ This is the only module that knows their names (`docs/files.md`). What was not s
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +24,7 @@ STEPS, STEP_TIMES, LAW = "steps_A", "steps_s", "law"
 COMMANDED = {
     "amplitude_m": "commanded_amplitude_m", "centre_m": "commanded_centre_m",
     "amplitude_tolerance": "amplitude_tolerance", "low_degC": "temperature_low_degC",
-    "high_degC": "temperature_high_degC",
+    "high_degC": "temperature_high_degC", "tracking_tolerance": "tracking_tolerance", "iteration": "iteration",
 }  # fmt: skip
 """Field of `Commanded` -> attribute."""
 RECORD = {
@@ -32,7 +33,9 @@ RECORD = {
 }  # fmt: skip
 """Field of `RecordFacts` -> attribute."""
 NAMES = frozenset({*MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, *COMMANDED.values(), *RECORD.values()})
-TEXTS = frozenset({"id", "waveform", "kind", STEPS, STEP_TIMES, LAW, RECORD["name"], RECORD["sha256"]})
+TEXTS = frozenset({
+    "id", "waveform", "kind", STEPS, STEP_TIMES, LAW, RECORD["name"], RECORD["sha256"], COMMANDED["iteration"],
+})
 """Those that are texts; the others are numbers."""
 
 
@@ -43,6 +46,8 @@ class Commanded:
     Attributes:
         amplitude_m, centre_m: of the program that made the motion.
         amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
+        tracking_tolerance: RMS error allowed of an iterated signal, relative; None: the usual limits.
+        iteration: how the command of a signal was iterated, as JSON (`SignalDrive.to_json`); None: it was not.
         low_degC, high_degC: window of the coil's temperature; None: any.
     """
 
@@ -51,11 +56,22 @@ class Commanded:
     amplitude_tolerance: float | None = None
     low_degC: float | None = None
     high_degC: float | None = None
+    tracking_tolerance: float | None = None
+    iteration: str | None = None
 
     @property
     def temperature_window_degC(self) -> tuple[float, float] | None:
         """What the coil's temperature had to lie in; None: any."""
         return None if self.low_degC is None or self.high_degC is None else (self.low_degC, self.high_degC)
+
+    @property
+    def iterated(self) -> dict[str, Any] | None:
+        """`iteration` as a value; None where there is none, or it cannot be read."""
+        try:
+            value = json.loads(self.iteration or "null")
+        except ValueError:
+            return None
+        return value if isinstance(value, dict) else None
 
 
 NOT_STATED = Commanded()

@@ -54,6 +54,7 @@ from rig.report.cover import conditions, cover, mark_of, matrix_tables
 from rig.report.events import events
 from rig.report.hybrid import hybrid_section
 from rig.report.instruments import calibrations, doubts_of, instruments, sensors_of
+from rig.report.iteration import iteration_section
 from rig.report.loops import Overlays, overlays
 from rig.report.over_current import parameters_over_current
 from rig.report.peak_forces import force_text, greatest, peak_forces
@@ -139,6 +140,7 @@ def report_of(of: Material) -> Document:
     blocks: Blocks = [*sheets, Contents(screen=False)]
     if measured.first:
         blocks += [*hybrid_section(of.hybrid, of.display), *signals_section(views)]
+    blocks += iteration_section(views)
     blocks += [*acceptance_section(of.specimen, of.display), *model_section(of)]
     blocks += section("Appendix", "All results, and how they were obtained.")
     if measured.rest:

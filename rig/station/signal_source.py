@@ -1,7 +1,8 @@
 """A prescribed motion without cycles in the station: samples in, set-points out, each recorded as requested.
 
 The samples come with the start request and are checked here again, against the machine's limits, before any is sent.
-Between two of them the set-point follows the cubic through their positions and speeds.
+Between two of them the set-point follows the cubic through their positions and speeds. Where the motion is the iterated
+command for a target, the target comes with it: it is recorded beside each set-point and moves nothing.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ ROUNDING = 1e-3
 
 @dataclass(frozen=True)
 class SignalOrder:
-    """A motion as the application sends it: `step_s`, `centre_m` and `samples`.
+    """A motion as the application sends it: `step_s`, `centre_m`, `samples`, and `target` of an iterated command.
 
     The samples are little-endian float32, all positions, then all speeds, in base64: a text, as long as it may be, is
     read at once, while 200,000 numbers keep every thread of the station waiting for a tenth of a second.
@@ -45,12 +46,14 @@ class SignalOrder:
         step_s: between two samples, s.
         position_m, velocity_m_s: (n,) about the centre; at rest at the centre at both ends.
         centre_m: in the rig's coordinate.
+        target: what the rod is to follow, in samples of the same number; None: the motion itself.
     """
 
     step_s: float
     position_m: Sequence[float]
     velocity_m_s: Sequence[float]
     centre_m: float
+    target: SignalOrder | None = None
 
     @property
     def duration_s(self) -> float:
@@ -67,20 +70,13 @@ class SignalOrder:
             ValueError: it is no motion.
         """
         step_s, centre_m = float(given["step_s"]), float(given["centre_m"])
-        try:
-            content = base64.b64decode(given["samples"], validate=True)
-        except binascii.Error as error:
-            raise ValueError(f"samples: {error}") from error
-        numbers = array("f")
-        count, rest = divmod(len(content), 2 * numbers.itemsize)
-        if rest or not (2 <= count <= MOST_SAMPLES and 0.0 < step_s <= LARGEST_STEP_S):
-            raise ValueError(f"{len(content)} bytes of samples at intervals of {step_s:g} s are not valid")
-        numbers.frombytes(content)
-        if sys.byteorder == "big":
-            numbers.byteswap()
-        if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
-            raise ValueError("the samples or the centre contain values that are not finite")
-        return cls(step_s, numbers[:count], numbers[count:], centre_m)
+        position_m, velocity_m_s = _samples(given["samples"], step_s, centre_m)
+        target = None
+        if "target" in given:
+            target = cls(step_s, *_samples(given["target"], step_s, centre_m), centre_m)
+            if len(target.position_m) != len(position_m):
+                raise ValueError(f"{len(target.position_m)} samples of the target for {len(position_m)} of the motion")
+        return cls(step_s, position_m, velocity_m_s, centre_m, target)
 
     def at(self, elapsed_s: float) -> Setpoint:
         """Position (m) and speed (m/s) in the rig's coordinate, so much after its begin (s, within its duration)."""
@@ -94,6 +90,29 @@ class SignalOrder:
         position_m = begin_m + share * (h * begin_m_s + share * (bend + share * twist))
         velocity_m_s = begin_m_s + share * (2.0 * bend + 3.0 * share * twist) / h
         return Setpoint(self.centre_m + position_m, velocity_m_s)
+
+
+def _samples(given: str, step_s: float, centre_m: float) -> tuple[Sequence[float], Sequence[float]]:
+    """Positions and speeds of an order, each (n,).
+
+    Raises:
+        TypeError: they are no text.
+        ValueError: they are no motion.
+    """
+    try:
+        content = base64.b64decode(given, validate=True)
+    except binascii.Error as error:
+        raise ValueError(f"samples: {error}") from error
+    numbers = array("f")
+    count, rest = divmod(len(content), 2 * numbers.itemsize)
+    if rest or not (2 <= count <= MOST_SAMPLES and 0.0 < step_s <= LARGEST_STEP_S):
+        raise ValueError(f"{len(content)} bytes of samples at intervals of {step_s:g} s are not valid")
+    numbers.frombytes(content)
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
+        raise ValueError("the samples or the centre contain values that are not finite")
+    return numbers[:count], numbers[count:]
 
 
 class SignalSource:
@@ -120,7 +139,11 @@ class SignalSource:
             return None
         setpoint = order.at(min(elapsed_s, order.duration_s))
         now_ns, self._count = monotonic_ns(), self._count + 1
-        values = ((Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, setpoint.position_m - order.centre_m))
+        commanded_m, target_m = setpoint.position_m - order.centre_m, setpoint.position_m - order.centre_m
+        if order.target is not None:
+            target_m = order.target.at(min(elapsed_s, order.duration_s)).position_m - order.centre_m
+        values = [(Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, target_m)]
+        values += [] if order.target is None else [(Channel.SIGNAL_COMMAND, commanded_m)]
         self._append([(now_ns, NO_DEVICE_TIME, value, self._count, channel, 0) for channel, value in values])
         return setpoint
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.execution.drive_calculation import DriveCalculation
 from rig.campaign.execution.observer import Observer, RequestedMotion
 from rig.campaign.execution.point_recording import PointRecording
 from rig.campaign.preflight.proof_move import PROOF_SPEED_M_S, Baseline, DamperCheck, ProofMove
@@ -32,7 +33,7 @@ from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.recorder import PointRecorder
 from rig.signals.record import STEP_S, Record
 from rig.station.client import StationClient, StationLost, StationRefused
-from rig.test_point import HYBRID, TestPoint
+from rig.test_point import HYBRID, SIGNAL, TestPoint
 
 CENTRING_SPEED_M_S = 0.05
 CENTRING_SPEED_SHARE = 0.25
@@ -135,6 +136,7 @@ class ActionExecutor:
         self.zeros = ZeroReturn()
         self.damper = DamperCheck(campaign, baseline, self.observer.last)
         self._requests = StationRequests(campaign.client)
+        self._commands = DriveCalculation(campaign)
         self._rest = RestCheck(campaign, self.observer, self.zeros)
         self._proof = ProofMove(self.observer, self.damper.check)
         self._baseline = baseline
@@ -146,6 +148,7 @@ class ActionExecutor:
             act.SetCurrent: self._set_current,
             act.AskOperator: self._ask_operator,
             act.Start: self._start,
+            act.Iterate: self._iterate,
             act.Stop: self._stop,
             act.WatchZeros: self._watch_zeros,
             act.ProveSensors: self._prove_sensors,
@@ -210,6 +213,7 @@ class ActionExecutor:
     def close(self) -> None:
         """Let go of the ring and the station; a point still open is closed as interrupted, where the disk allows it."""
         self._requests.close()
+        self._commands.close()
         self.recording.close()
 
     def _ask(self, action: act.Ask) -> None:
@@ -245,6 +249,7 @@ class ActionExecutor:
             monotonic_ns(),
             RequestedMotion(point.waveform, point.frequency_Hz, self.campaign.bench.lvdt.rate_Hz),
             point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
+            keep=point.kind == SIGNAL and self.campaign.matrix.sweep.iterate is not None,
         )
         if point.kind == HYBRID:
             self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
@@ -267,6 +272,13 @@ class ActionExecutor:
             **({"table": point.shape.table_m(point.amplitude_m)} if point.shape.controller == "table" else {}),
             **steps,
         )
+
+    def _iterate(self, action: act.Iterate) -> None:
+        self._commands.begin(action, self.observer.kept)
+
+    def next_commands(self) -> list[ev.Event]:
+        """The command of an iterated signal that was calculated since the last call."""
+        return self._commands.events()
 
     def _stop(self, action: act.Stop) -> None:
         self.observer.wait = None
@@ -323,13 +335,18 @@ SENT_EVERY = 4
 
 def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
     """What the station is told of a point whose motion is a record."""
-    position_m, velocity_m_s, _ = record.motion(point.amplitude_m, SENT_EVERY)
+    order = {
+        "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m, "samples": _samples(record, point.amplitude_m),
+    }
+    target = point.target
+    return order if target is None else order | {"target": _samples(target, target.amplitude_m)}
+
+
+def _samples(record: Record, amplitude_m: float) -> str:
+    position_m, velocity_m_s, _ = record.motion(amplitude_m, SENT_EVERY)
     if (len(record.shape) - 1) % SENT_EVERY:  # its last sample, at rest at the centre, is none of them
         position_m, velocity_m_s = np.append(position_m, 0.0), np.append(velocity_m_s, 0.0)
-    return {
-        "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m,
-        "samples": base64.b64encode(np.concatenate((position_m, velocity_m_s)).astype("<f4").tobytes()).decode(),
-    }
+    return base64.b64encode(np.concatenate((position_m, velocity_m_s)).astype("<f4").tobytes()).decode()
 
 
 def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:

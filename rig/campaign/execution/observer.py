@@ -140,6 +140,7 @@ class Observer:
         device_s: the controller's clock at its last status (s); 0 before the first one.
         held_ns: when the last status arrived if it says that the controller holds; else 0.
         cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
+        kept: records of the program last awaited, if they were to be kept.
         ended_by: states in which the last motion was ended, `FADING` or `HALTING`; empty while it runs, and where it
             ended by itself.
         currents_A: arrival (ns) and value of the last measured currents.
@@ -156,6 +157,7 @@ class Observer:
     wait: Wait | None = None
     load_train_change: str | None = None
     ended_by: set[int] = field(default_factory=set)
+    kept: list[NDArray[Any]] = field(default_factory=list)
     _load_train: LoadTrainWatch = field(default_factory=lambda: LoadTrainWatch())
 
     def observe(self, block: RecordBlock) -> ev.Event | None:
@@ -206,17 +208,21 @@ class Observer:
 
         self.wait = wait
 
-    def await_program(self, centre_m: float, since_ns: int, requested: RequestedMotion, ordered_cycles: float) -> None:
+    def await_program(
+        self, centre_m: float, since_ns: int, requested: RequestedMotion, ordered_cycles: float, *, keep: bool = False
+    ) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
         A caller that stops the rig from here first clears what is awaited (`wait`): a program that faded out, was
         halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by another client.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
-        after that: what a busy station had still to read belongs to the test. The `requested` motion is measured.
+        after that: what a busy station had still to read belongs to the test. The `requested` motion is measured. With
+        `keep`, all records until then are in `kept`: of a trial from which the next command is calculated.
         """
         pulses, held_ns, stopping, seen = self.last.get(Channel.PULSE, 0.0), 0, "", False
         self.cycles_done = 0
+        self.kept.clear()
         self._load_train.begin()
         measurement = MotionMeasurement(requested)
 
@@ -227,6 +233,8 @@ class Observer:
             seen = seen or ControllerState.RUNNING in states or self.last.get(Channel.PULSE, 0.0) != pulses
             self.cycles_done = int(self.last.get(Channel.CYCLES_DONE, 0.0)) if seen else 0
             measurement.add(block)
+            if keep and len(block):
+                self.kept.append(block.records)
             holds = seen and self.held_ns > since_ns
             if holds and held_ns == 0:
                 held_ns = self.held_ns

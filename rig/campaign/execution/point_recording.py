@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import traceback
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
@@ -74,6 +75,8 @@ class PointRecording:
         if campaign.results.began_ns is None:
             campaign.results.began_ns = machine_ns()
         campaign.log.note("point", point=point.id, attempt=action.attempt)
+        if action.drive is not None:
+            campaign.results.iterations[point.id] = action.drive.to_json()
 
     def end(self, action: act.EndRecording) -> None:
         """Close the journal and have the point's file made.
@@ -258,15 +261,20 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,
         channels=campaign.channels,
-        commanded=_commanded(campaign, action.commanded),
+        commanded=_commanded(campaign, action),
     )
 
 
-def _commanded(campaign: CampaignContext, program: TestPoint) -> Commanded:
+def _commanded(campaign: CampaignContext, action: act.BeginRecording) -> Commanded:
     sweep, temperature = campaign.matrix.sweep, campaign.matrix.temperature
     low_degC, high_degC = (None, None) if temperature is None else temperature.window_degC
     tolerance = sweep.amplitude_tolerance if sweep.adapt_amplitude else None
-    return Commanded(program.amplitude_m, program.centre_m, tolerance, low_degC, high_degC)
+    program, drive = action.commanded, action.drive
+    commanded = Commanded(program.amplitude_m, program.centre_m, tolerance, low_degC, high_degC)
+    if drive is None or sweep.iterate is None:
+        return commanded
+    iteration = json.dumps(drive.to_json(), allow_nan=False)
+    return replace(commanded, tracking_tolerance=sweep.iterate.tolerance, iteration=iteration)
 
 
 def _provenance(campaign: CampaignContext, point: TestPoint, attempt: int) -> dict[str, str]:

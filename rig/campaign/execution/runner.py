@@ -25,6 +25,7 @@ from drivers.clock import back_whenever, back_within
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.execution.drive_calculation import stored_drives
 from rig.campaign.execution.loop_watch import LoopWatch, TurnClock
 from rig.campaign.execution.observer import LIVE
 from rig.campaign.operator_link import Signals
@@ -82,7 +83,7 @@ class Runner:
         points = tuple(item.point for item in campaign.plan.points)
         remaining = {point.id for point in campaign.stock.remaining}
         queue = tuple(point for point in points if point.id in remaining)
-        self.state = campaign_state(queue, campaign.matrix, campaign.bench)
+        self.state = campaign_state(queue, campaign.matrix, campaign.bench, stored_drives(campaign))
         self._campaign = campaign
         self._signals = signals
         self._finaliser = finaliser
@@ -220,6 +221,7 @@ class Runner:
         self._waiting.extend(self._signals.take())
         self._waiting.extend(self._station_events(0.0))
         self._waiting.extend(self._collected("the station's answers", partial(self._answered, outcomes)))
+        self._waiting.extend(self._collected("the next command", self._executor.next_commands))
         self._waiting.extend(self._collected("the terminal", self._executor.operator_answers))
         self._waiting.extend(facts)
         verdicts = partial(self._executor.recording.verdicts, self.state.attempts)

@@ -8,6 +8,7 @@ from enum import StrEnum
 from rig.campaign.results import Wait
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
+from rig.signals.drive_iteration import SignalDrive, SignalDrives
 from rig.test_point import TestPoint
 
 
@@ -85,6 +86,23 @@ class Start:
 
 
 @dataclass(frozen=True)
+class Iterate:
+    """Calculate the next command of a signal and report `Iterated`.
+
+    Attributes:
+        point: the signal.
+        drive: what was run; None: nothing yet, the first command or noise is requested.
+        run: the program that was run; None: nothing yet.
+        known: drives of other signals and currents, from which the first command may start.
+    """
+
+    point: TestPoint
+    drive: SignalDrive | None = None
+    run: TestPoint | None = None
+    known: SignalDrives = ()
+
+
+@dataclass(frozen=True)
 class Stop:
     """Stop the rig now; goes before every other request."""
 
@@ -134,12 +152,13 @@ class AwaitStandstill:
 class BeginRecording:
     """Open the point's journal; every sample from now on belongs to it. `attempt` counts from 1.
 
-    `commanded` is the program that makes the point's motion.
+    `commanded` is the program that makes the point's motion; `drive` how an iterated signal came to it.
     """
 
     point: TestPoint
     attempt: int
     commanded: TestPoint
+    drive: SignalDrive | None = None
 
 
 @dataclass(frozen=True)
@@ -229,6 +248,7 @@ Action = (
     | SetCurrent
     | AskOperator
     | Start
+    | Iterate
     | Stop
     | WatchZeros
     | ProveSensors

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
+from rig.signals.drive_iteration import SignalDrive
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,21 @@ class ProgramEnded:
     at_centre: bool
     motion: MeasuredMotion | None = None
     cut_short: str = ""
+
+
+@dataclass(frozen=True)
+class Iterated:
+    """The next command of a signal was calculated.
+
+    Attributes:
+        point_id: of the signal.
+        drive: with that command; None: there is none.
+        cause: why there is none.
+    """
+
+    point_id: str
+    drive: SignalDrive | None
+    cause: StopCause | None = None
 
 
 @dataclass(frozen=True)
@@ -236,6 +252,7 @@ Event = (
     | CurrentSettled
     | OperatorAnswered
     | ProgramEnded
+    | Iterated
     | TemperatureRead
     | CooledDown
     | RestOver

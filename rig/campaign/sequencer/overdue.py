@@ -57,6 +57,8 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.DEMAGNETISING: point_preparation.demagnetising_overdue,
     Phase.WARMING: _program_overdue,
     Phase.ADAPTING: _program_overdue,
+    Phase.ITERATING: _program_overdue,
+    Phase.CORRECTING: lambda state, _: point_preparation.give_up(state, because("iteration", "command-overdue")),
     Phase.STEPPING: _program_overdue,
     Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(state, because("not-tared", "few-rest-samples")),
     Phase.PROVING_SENSORS: _stops(StopKind.FADE_OUT, "modbus-write-lost", "no-proof-move"),

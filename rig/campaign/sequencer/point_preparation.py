@@ -9,6 +9,9 @@ amplitude, frequency) at a current is used for every later point with both: at a
 with another force, and no servo is infinitely stiff. A new current starts with the prediction from the motion's known
 currents, a new motion with the correction of the nearest known one. Without any correction, points run without a
 trial: on a good machine this costs nothing.
+
+A signal has no one amplitude to correct: its whole command is iterated, if the matrix requires it
+(`rig.signals.drive_iteration`). Each trial is a full run; the next command is calculated while the rod is at rest.
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ from rig.campaign.sequencer.stopping import Step
 from rig.campaign.stop_cause import StopCause, because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
-from rig.test_point import LOOP, TestPoint
+from rig.signals.drive_iteration import CONVERGED, TARGET, SignalDrive, remembered_signal
+from rig.test_point import LOOP, SIGNAL, TestPoint
 
 Onwards = Callable[[State], Step]
 
@@ -43,6 +47,8 @@ MIN_SHARE = 0.5
 MIN_CHANGE = 0.1
 """A correction that a limit makes smaller than this share of the tolerance is none."""
 TRIAL_CYCLES = 3
+ITERATION_LIMIT_S = 120.0
+"""Wall time: the samples of ten minutes are aligned and transformed on the host."""
 TRIAL_RAMP_CYCLES = 1.0
 
 
@@ -50,6 +56,9 @@ def program(state: State) -> TestPoint:
     """The motion the campaign prepares for: the current point's as it is commanded now, or the warm-up's."""
     if state.warming is not None:
         return state.warming
+    signal = signal_drive_of(state)
+    if signal is not None:
+        return commanded_signal(state.point, signal)
     return commanded(state.point, drive_of(state)) if adapts(state) else state.point
 
 
@@ -59,13 +68,73 @@ def adapts(state: State) -> bool:
     return state.conditions.tolerance is not None and constant
 
 
+def iterates(state: State) -> bool:
+    """Whether the current point's command is iterated."""
+    return state.conditions.iteration is not None and state.point.kind == SIGNAL
+
+
+def signal_drive_of(state: State) -> SignalDrive | None:
+    """How the current point's signal is commanded; None: it is not iterated, or nothing is known yet."""
+    record = state.point.record_samples
+    if record is None or not iterates(state):
+        return None
+    own = (drive for drive in state.signal_drives if drive.is_for(record, state.point.current_A))
+    return next(own, None)
+
+
+def begin_iteration(state: State) -> Step | None:
+    """Request the first command of a signal; None where nothing is to be iterated, or it is known."""
+    if not iterates(state) or signal_drive_of(state) is not None:
+        return None
+    return _calculate(state, act.Iterate(state.point, known=(*state.signal_drives, *state.stored_drives)))
+
+
+def iterate(state: State) -> Step:
+    """A trial has ended: request the next command."""
+    return _calculate(state, act.Iterate(state.point, signal_drive_of(state), program(state)))
+
+
+def _calculate(state: State, action: act.Iterate) -> Step:
+    return stopping.enter(state, Phase.CORRECTING, action, device_s=0.0, wall_s=ITERATION_LIMIT_S)
+
+
+def iterated(state: State, event: ev.Iterated, onwards: Onwards) -> Step:
+    """The next command is there: run it, or the point itself where it is final."""
+    if event.point_id != state.point.id:
+        return state, ()
+    if event.drive is None:
+        return give_up(state, event.cause or because("iteration", "no-command"))
+    note = iterated_note(state.point, event.drive)
+    state, actions = onwards(replace(state, signal_drives=remembered_signal(state.signal_drives, event.drive)))
+    return state, (note, *actions)
+
+
+def iterated_note(point: TestPoint, drive: SignalDrive) -> act.Note:
+    """What an iteration has brought, in words."""
+    if drive.cannot:
+        return act.Note("warning", say("iteration-ended", point=point.id, why=drive.cannot), code="iteration")
+    name, values = "identifying", dict[str, object]()
+    if drive.trials:
+        name = "converged" if drive.outcome == CONVERGED else "iterated"
+        values = {"number": drive.trials[-1].number, "percent": 100.0 * drive.trials[-1].error}
+    elif drive.response is not None:
+        band_Hz = drive.response.band_Hz
+        name = "response-identified" if drive.start == TARGET else "kept-drive"
+        band = "no frequency" if band_Hz is None else f"{band_Hz[0]:.3g} to {band_Hz[1]:.3g} Hz"
+        values = {"band": band, "delay_ms": 1e3 * drive.response.delay_s}
+    return act.Note("info", say(name, point=point.id, **values), code="iteration")
+
+
 def drive_of(state: State) -> Drive:
     """How the current point's motion is commanded."""
     return drive_for(state.point, state.drives, state.conditions.ceilings.get(state.point.id, Ceiling()))
 
 
 def trial_of(state: State) -> TestPoint | None:
-    """The short program that comes before the current point; None where none is worth its time."""
+    """The program that comes before the current point; None where none is worth its time."""
+    signal = signal_drive_of(state)
+    if signal is not None:
+        return None if signal.settled else commanded_signal(state.point, signal)
     tolerance, point = state.conditions.tolerance, state.point
     if tolerance is None or not adapts(state) or not wants_trial(point, state.drives, tolerance):
         return None
@@ -258,6 +327,15 @@ def wants_trial(point: TestPoint, known: Drives, tolerance: float) -> bool:
 def commanded(point: TestPoint, drive: Drive) -> TestPoint:
     """The program that makes the point's motion."""
     return replace(point, amplitude_m=drive.command_m, centre_m=point.centre_m + drive.shift_m)
+
+
+def commanded_signal(point: TestPoint, drive: SignalDrive) -> TestPoint:
+    """The program of a signal's next run: noise that identifies the machine's response, or the iterated command."""
+    record = drive.noise or drive.command or point.record_samples
+    if record is None:
+        return point
+    target = point.record_samples if drive.noise is None else None
+    return replace(point, record=record, amplitude_m=record.amplitude_m, target=target)
 
 
 def trial(point: TestPoint, drive: Drive) -> TestPoint:

@@ -15,6 +15,7 @@ from rig.matrix.feasibility import command_limit, command_room
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import Load, Thermal, load_of, thermal_of, warm_up_point
+from rig.signals.drive_iteration import IterationSettings, SignalDrives
 from rig.test_point import LOOP, TestPoint
 
 DEMAGNETISING_RATIO = 0.7
@@ -93,6 +94,7 @@ class Conditions:
 
     Attributes:
         tolerance: allowed deviation of the amplitude, relative; None: the command is not compensated.
+        iteration: how the commands of signals are iterated; None: they are not.
         ceilings: by point id, what may be commanded.
         thermal: temperature window and heat model; None without a window.
         loads: by point id, its heat.
@@ -104,6 +106,7 @@ class Conditions:
     """
 
     tolerance: float | None = None
+    iteration: IterationSettings | None = None
     ceilings: Mapping[str, Ceiling] = field(default_factory=dict)
     thermal: Thermal | None = None
     loads: tuple[tuple[str, Load], ...] = ()
@@ -163,6 +166,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     points, temperature = matrix.points(), matrix.temperature
     conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
+        iteration=None if matrix.sweep.iterate is None else matrix.sweep.iterate.settings,
         ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == LOOP},
         demagnetise=matrix.campaign.demagnetise,
         powered_test=bench.actuator.watchdog_tested != "off",
@@ -214,6 +218,8 @@ class Phase(StrEnum):
     SETTLING = "settling the current"
     WARMING = "warming up"
     ADAPTING = "adapting the amplitude"
+    ITERATING = "iterating the command"
+    CORRECTING = "calculating the next command"
     RUNNING = "running"
     STEPPING = "stepping the current"
     CLEARING = "back to 0 A"
@@ -245,7 +251,8 @@ class PhaseKind(StrEnum):
 
 _KINDS: Mapping[str, PhaseKind] = {
     **dict.fromkeys(Phase, PhaseKind.AT_REST),
-    **dict.fromkeys((Phase.RUNNING, Phase.STEPPING, Phase.WARMING, Phase.ADAPTING, Phase.CENTRING), PhaseKind.MOVING),
+    **dict.fromkeys((Phase.RUNNING, Phase.STEPPING, Phase.WARMING, Phase.ADAPTING, Phase.ITERATING, Phase.CENTRING),
+                    PhaseKind.MOVING),
     **dict.fromkeys((
         Phase.NEW, Phase.CONNECTING, Phase.ARMING, Phase.PROVING_WATCHDOG, Phase.CHECKING_ZEROS, Phase.PRESSURE_LOW,
         Phase.PRESSURE_ON, Phase.PROVING_SENSORS,
@@ -297,6 +304,8 @@ class State:
         rig_state: what is known about the rig.
         conditions: under what conditions points are measured.
         drives: how motions are commanded, as far as they were tried.
+        signal_drives: the same of signals whose command is iterated.
+        stored_drives: of an earlier session or run; their commands are checked before they are run.
         warming: the warm-up program that comes before the current point, None when there is none.
         warmed_s: motion of warm-up programs before the current point (s).
         warmed_with: the last of them (s) and the temperature it began at (degC), None before the first.
@@ -334,6 +343,8 @@ class State:
     rig_state: RigState = RigState.SAFE
     conditions: Conditions = NO_CONDITIONS
     drives: Drives = ()
+    signal_drives: SignalDrives = ()
+    stored_drives: SignalDrives = ()
     warming: TestPoint | None = None
     warmed_s: float = 0.0
     warmed_with: tuple[float, float] | None = None
@@ -373,13 +384,22 @@ class State:
         )
 
 
-def campaign_state(queue: tuple[TestPoint, ...], matrix: Matrix, bench: Bench) -> State:
+def campaign_state(
+    queue: tuple[TestPoint, ...], matrix: Matrix, bench: Bench, stored_drives: SignalDrives = ()
+) -> State:
     """The state before the points of a queue, under the conditions that the matrix asks for on this bench.
+
+    Args:
+        queue: the points still to be run.
+        matrix: of the campaign.
+        bench: the rig.
+        stored_drives: of iterated signals, from an earlier session or run.
 
     Raises:
         ValueError: as `start_state`.
     """
-    return start_state(queue, matrix.campaign.retries, conditions_of(matrix, bench))
+    state = start_state(queue, matrix.campaign.retries, conditions_of(matrix, bench))
+    return replace(state, stored_drives=stored_drives)
 
 
 def start_state(points: tuple[TestPoint, ...], retries: int, conditions: Conditions = NO_CONDITIONS) -> State:

@@ -154,6 +154,9 @@ def _next_point(state: State) -> Step:
 
 
 def _approach(state: State) -> Step:
+    begun = None if state.warming is not None else point_preparation.begin_iteration(state)
+    if begun is not None:
+        return begun
     centre_m = point_preparation.program(state).centre_m
     if state.held_at_m == centre_m:
         return _settle(state)
@@ -182,9 +185,10 @@ def _run(state: State, event: ev.CurrentSettled) -> Step:
         return _start(state, Phase.WARMING, program)
     trial = point_preparation.trial_of(state)
     if trial is not None:
-        return _start(state, Phase.ADAPTING, trial)
+        return _start(state, Phase.ITERATING if point_preparation.iterates(state) else Phase.ADAPTING, trial)
     state = replace(state, attempts=(*state.attempts, point.id), recording=True, spoiled=None)
-    begin = act.BeginRecording(point, state.attempts.count(point.id), program)
+    drive = point_preparation.signal_drive_of(state)
+    begin = act.BeginRecording(point, state.attempts.count(point.id), program, drive)
     if point.at_rest:
         state = replace(state, steps_left=point.steps_A[1:])
         return _hold_step(state, begin)
@@ -239,6 +243,10 @@ def _tried(state: State, event: ev.ProgramEnded) -> Step:
     return state, (note, *actions)
 
 
+def _tried_signal(state: State, event: ev.ProgramEnded) -> Step:
+    return point_preparation.iterate(replace(state, held_at_m=_held(state, event)))
+
+
 def _held(state: State, event: ev.ProgramEnded) -> float | None:
     return point_preparation.program(state).centre_m if event.at_centre else None
 
@@ -260,6 +268,9 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
     held_at_m = _held(state, event)
     if state.spoiled is not None:
         return _recorded(state, held_at_m)
+    signal = point_preparation.signal_drive_of(state)
+    if signal is not None:
+        return _recorded(state, held_at_m, *([act.Remark("iteration", signal.cannot)] if signal.cannot else []))
     state = point_preparation.learn(state, event)
     drive = point_preparation.drive_of(state) if point_preparation.adapts(state) else None
     if drive is None or event.motion is None or (drive.settled and not drive.cannot):
@@ -357,6 +368,8 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.TAKEN_AWAY, ev.Fault): stopping.note_abort_while_finishing,
     (Phase.WARMING, ev.ProgramEnded): _ran_through(_warmed),
     (Phase.ADAPTING, ev.ProgramEnded): _ran_through(_tried),
+    (Phase.ITERATING, ev.ProgramEnded): _ran_through(_tried_signal),
+    (Phase.CORRECTING, ev.Iterated): lambda state, event: point_preparation.iterated(state, event, _onwards),
     (Phase.RUNNING, ev.ProgramEnded): _ran_through(_program_ended),
     (Phase.STEPPING, ev.RestOver): _stepped,
     (Phase.CLEARING, ev.CurrentSettled): _cleared,

@@ -36,7 +36,7 @@ FEWEST_A_CYCLE = 200
 SATURATION_SHARE = 0.999
 TEMPERATURE_REACH_S = 0.5
 LARGEST_DISORDER = 0.001
-VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
+VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, "iteration": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 
@@ -125,7 +125,10 @@ def examine(
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
             *_disorder(context, alignment),
-            *tracking_reasons(point, tracking, stopped=content.end is None or end.get("stopped_by") is not None),
+            *tracking_reasons(
+                point, tracking, stopped=content.end is None or end.get("stopped_by") is not None,
+                tolerance=context.commanded.tracking_tolerance,
+            ),
         ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),

@@ -14,14 +14,15 @@ import numpy as np
 
 from rig.recording.quality.verdict import Kind, Reason, Section, invalid, stored
 from rig.signals.arrays import FloatArray
+from rig.signals.following import following
+from rig.signals.record import STEP_S, RecordFacts
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment, Overview
 
-LONGEST_DELAY_S = 0.2
-DELAY_STEP_S = 0.5e-3
-MOST_COMPARED = 20_000
+LARGEST_GAP_S = 0.05
+"""Without a sample of the rod, in a run from which the next command is to be calculated."""
 TRACKING_SUSPECT, TRACKING_INVALID = 0.10, 0.25
 """Distance from the target, RMS, as a share of the target's about its mean: standing far out is not following."""
 INCOMPLETE_SHARE = 0.005
@@ -133,29 +134,55 @@ def tracking_of(point: TestPoint, alignment: Alignment, seen: Overview) -> Track
     )
     if np.count_nonzero(inside) < 2:
         return None
-    rows = np.flatnonzero(inside)[:: max(1, int(np.count_nonzero(inside)) // MOST_COMPARED)]
-    delay_s, rod_m = _least(
-        seen.time_s[known], seen.displacement_m[known], window.begin_s + elapsed_s[rows],
-        target_m[rows] + point.centre_m,
+    compared = following(
+        seen.time_s[known], seen.displacement_m[known], window.begin_s + elapsed_s[inside],
+        target_m[inside] + point.centre_m,
     )
-    chosen_m = target_m[rows]
-    apart_m = rod_m - point.centre_m - chosen_m
-    size_m = float(np.std(chosen_m))
-    span_m = float(np.ptp(chosen_m))
     return Tracking(
-        window, played_s=min(point.record.duration_s, float(elapsed_s[-1])),
-        nrms=float(np.sqrt(np.mean(apart_m**2))) / size_m if size_m > 0.0 else np.inf, delay_s=delay_s,
-        reached=float(np.ptp(rod_m)) / span_m if span_m > 0.0 else np.inf, mean_m=float(np.mean(apart_m)),
+        window, played_s=min(point.record.duration_s, float(elapsed_s[-1])), nrms=compared.nrms,
+        delay_s=compared.delay_s, reached=compared.reached, mean_m=compared.mean,
     )
 
 
-def tracking_reasons(point: TestPoint, tracking: Tracking | None, *, stopped: bool) -> list[Reason]:
+def rod_along(record: RecordFacts, centre_m: float, alignment: Alignment) -> FloatArray | None:
+    """Where the rod was every `STEP_S` from the begin of a signal, about a centre, (n,) m; None where it is not known.
+
+    Args:
+        record: the motion that was commanded.
+        centre_m: of the motion.
+        alignment: the channels of its run.
+    """
+    from scipy.interpolate import CubicSpline  # 0.2 s to load, and only iterated signals need it
+
+    sent = alignment.timed.get("signal_time")
+    time_s, rod_m = np.asarray(alignment.time_s), np.asarray(alignment.values["displacement"])
+    known = np.isfinite(rod_m)
+    if sent is None or np.count_nonzero(known) < 2:
+        return None
+    elapsed_s = np.asarray(sent.records[:]["value"], np.float64)
+    window = window_of(np.asarray(sent.time_s) - alignment.origin_s, elapsed_s, record.duration_s, record.ramp_s)
+    played_s = 0.0 if len(elapsed_s) == 0 else float(elapsed_s[-1])
+    if window is None or played_s < (1.0 - INCOMPLETE_SHARE) * record.duration_s:
+        return None
+    time_s, rod_m = time_s[known], rod_m[known]
+    inside = (time_s >= window.begin_s) & (time_s <= window.end_s)
+    if np.max(np.diff(time_s[inside]), initial=0.0) > LARGEST_GAP_S or np.count_nonzero(inside) < 2:
+        return None
+    query_s = window.begin_s + STEP_S * np.arange(round(record.duration_s / STEP_S) + 1)
+    spline = CubicSpline(time_s, rod_m)
+    return np.asarray(spline(np.clip(query_s, time_s[0], time_s[-1])) - centre_m, np.float64)
+
+
+def tracking_reasons(
+    point: TestPoint, tracking: Tracking | None, *, stopped: bool, tolerance: float | None = None
+) -> list[Reason]:
     """What speaks against a signal's recording: what replaces the count and the amplitude of cycles.
 
     Args:
         point: the point.
         tracking: how it was followed; None: too little was recorded.
         stopped: the point was stopped, and that is said already.
+        tolerance: of an iterated signal; None: the usual limits.
     """
     if point.record is None or stopped:
         return []
@@ -163,27 +190,14 @@ def tracking_reasons(point: TestPoint, tracking: Tracking | None, *, stopped: bo
     if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * point.record.duration_s:
         text = f"only {played_s:.4g} s of {point.record.duration_s:.4g} s were played and recorded"
         return [invalid("signal-incomplete", text)]
-    if tracking.nrms <= TRACKING_SUSPECT:
+    allowed = TRACKING_SUSPECT if tolerance is None else tolerance
+    if tracking.nrms <= allowed:
         return []
+    limits = f"limit {100 * TRACKING_INVALID:g} %" if tolerance is None else f"tolerance {100 * tolerance:g} %"
     text = (
         f"RMS tracking error of the rod: {100 * tracking.nrms:.3g} % of the target, after correction "
-        f"for a delay of {1e3 * tracking.delay_s:.3g} ms (limit {100 * TRACKING_INVALID:g} %); the rod reached "
+        f"for a delay of {1e3 * tracking.delay_s:.3g} ms ({limits}); the rod reached "
         f"{100 * tracking.reached:.3g} % of the span"
     )
     kind = Kind.INVALID if tracking.nrms > TRACKING_INVALID else Kind.SUSPECT
     return [Reason("tracking", kind, text, {"nrms": tracking.nrms, "delay_s": tracking.delay_s})]
-
-
-def _least(
-    time_s: FloatArray, displacement_m: FloatArray, query_s: FloatArray, target_m: FloatArray
-) -> tuple[float, FloatArray]:
-    """The delay (s) at which the rod is nearest to its target, and where the rod is then (k,)."""
-
-    def apart(delay_s: float) -> float:
-        return float(np.mean((np.interp(query_s + delay_s, time_s, displacement_m) - target_m) ** 2))
-
-    coarse = np.arange(-LONGEST_DELAY_S / 4.0, LONGEST_DELAY_S, 8.0 * DELAY_STEP_S)
-    near_s = float(min(coarse, key=apart))
-    fine = near_s + DELAY_STEP_S * np.arange(-8, 9)
-    best_s = float(min(fine, key=apart))
-    return best_s, np.interp(query_s + best_s, time_s, displacement_m)

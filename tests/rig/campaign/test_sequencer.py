@@ -33,6 +33,8 @@ from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
 from rig.matrix.order_by_heat import HeatModel, Load, Thermal
+from rig.signals.drive_iteration import IterationSettings, SignalDrive
+from rig.signals.record import SweepMotion, sweep_record
 from rig.test_point import TestPoint
 
 POINTS = (
@@ -55,6 +57,16 @@ TEMPERED = (
         longest_s=20.0,
         demagnetise=True,
     ),
+)
+SWEEP = sweep_record(SweepMotion(5.0, 1.0, 2.0, 0.01, 0.01), 1.0)
+SIGNAL = TestPoint("p001", "sweep", 0.01, 1.5, 0.5, 1, 0.0, 0.0, kind="signal", record=SWEEP)
+IDENTIFYING = SignalDrive(SWEEP.mark, SWEEP.amplitude_m, 0.5, 0.8, noise=replace(SWEEP, name="noise"))
+CORRECTED = replace(IDENTIFYING, noise=None, command=SWEEP)
+ITERATED: tuple[ev.Event, ...] = (
+    ev.Iterated("p001", IDENTIFYING), ev.Iterated("p001", CORRECTED),
+    ev.Iterated("p001", replace(CORRECTED, outcome="converged")),
+    ev.Iterated("p001", replace(CORRECTED, outcome="limit", cannot="valve")),
+    ev.Iterated("p001", None, StopCause("iteration", "no rod")), ev.Iterated("p009", CORRECTED),
 )
 RESTARTABLE = StopCause("ecu-silent", "no status")
 STILL_HOT = StopCause("coil-not-ready", "ECU in state FAULT")
@@ -145,6 +157,10 @@ CASES = {
     ),
     "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.EVALUATING, Phase.RESETTING})),
     "compensated": Case(*COMPENSATED, events=WITHOUT_PAUSES + MEASURED_MOTIONS, phases=frozenset({Phase.ADAPTING})),
+    "iterated": Case(
+        (SIGNAL,), Conditions(iteration=IterationSettings()), events=WITHOUT_PAUSES + ITERATED,
+        phases=frozenset({Phase.ITERATING, Phase.CORRECTING}),
+    ),
     "tempered": Case(
         *TEMPERED,
         events=WITHOUT_PAUSES + TEMPERATURES,
@@ -815,3 +831,25 @@ def test_the_station_receives_only_what_the_operator_stated(by_hand: list[Edge])
             if isinstance(action, act.SetCurrent):
                 stated = edge.before.requested_A if isinstance(edge.event, ev.OperatorAnswered) else edge.after.hand_A
                 assert action.current_A == stated
+
+
+def test_a_signal_is_iterated_and_only_its_final_command_is_recorded() -> None:
+    state = start_state((SIGNAL,), 0, Conditions(iteration=IterationSettings()))
+    arrived = [ev.Begin(), ev.Done(Request.CONNECT), ev.ZerosJudged(None), ev.Done(Request.ARM),
+               ev.Done(Request.STARVE_WATCHDOG), ev.Done(Request.HYDRAULICS_LOW), ev.Done(Request.HYDRAULICS_ON),
+               ev.ProofJudged(None)]
+    drives = (IDENTIFYING, CORRECTED, replace(CORRECTED, outcome="limit", cannot="valve"))
+    started: list[TestPoint] = []
+    recorded: list[Action] = []
+    run: list[ev.Event] = [ev.Centred(), ev.CurrentSettled(), ev.ProgramEnded(at_centre=True)]
+    trials = [event for drive in drives for event in (ev.Iterated("p001", drive), *run)]
+    for event in (*arrived, *trials):
+        state, actions = step(state, event)
+        started += [action.point for action in actions if isinstance(action, act.Start)]
+        recorded += [action for action in actions if isinstance(action, act.BeginRecording | act.EndRecording)]
+        if isinstance(event, ev.ProgramEnded) and len(started) < 3:
+            assert state.phase is Phase.CORRECTING
+    assert [point.record_samples and point.record_samples.name for point in started] == ["noise", "sweep", "sweep"]
+    assert [point.target for point in started] == [None, SWEEP, SWEEP]
+    assert [type(action) for action in recorded] == [act.BeginRecording, act.EndRecording]
+    assert actions[0] == act.Remark("iteration", "valve"), "the best command is recorded, and why it is not better"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ from rig.campaign.file_copies import keep_matrix
 from rig.cli.run import following
 from rig.cli.tables import PlanText
 from rig.errors import FileProblem
+from rig.matrix.command_limits import SignalLimits
+from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
 from rig.station.signal_source import signal_order as station_order
@@ -290,3 +293,63 @@ def test_the_usual_simulated_rig_follows_set_points_where_there_are_signals(
     matrix: str, given: tuple[str, ...], *, usual: bool, reported: tuple[str, ...]
 ) -> None:
     assert following(load_matrix(ROOT / "examples" / matrix), given, usual=usual) == reported
+
+
+ITERATE = '[matrix.iterate]\ntolerance = "1.5 %"\niterations = 4\n'
+
+
+def test_the_iteration_has_defaults_and_changes_the_digest_only_where_it_is_used(tmp_path: Path) -> None:
+    plain, iterated, default = (
+        load(tmp_path, f"{matrix_of('sweep')}{SWEEP}{more}") for more in ("", ITERATE, "[matrix.iterate]\n")
+    )
+    assert plain.sweep.iterate is None
+    assert '"iterate"' not in plain.model_dump_json()
+    assert len({plain.digest, iterated.digest, default.digest}) == 3
+    assert iterated.sweep.iterate is not None
+    settings = iterated.sweep.iterate.settings
+    assert (settings.tolerance, settings.most, settings.gain, settings.least_coherence) == (0.015, 4, 0.8, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("waveform", "table", "message"),
+    [
+        ("sweep", '[matrix.iterate]\ntolerance = "30 %"\n', "tolerance = \"30 %\": too large"),
+        ("sweep", "[matrix.iterate]\ngian = 0.5\n", "did you mean gain"),
+        ("sweep", "[matrix.iterate]\ngain = 1.5\n", "gain"),
+        ("sweep", "[matrix.iterate]\niterations = 0\n", "iterations"),
+        ("sine", "[matrix.iterate]\n", "applies only to signals"),
+    ],
+)
+def test_a_wrong_iteration_is_named(tmp_path: Path, waveform: str, table: str, message: str) -> None:
+    more = SWEEP if waveform == "sweep" else ""
+    text = matrix_of(waveform, more='current = ["0 A"]\namplitude = ["5 mm"]\nfrequency = ["1 Hz"]\n')
+    text = matrix_of("sweep") if waveform == "sweep" else text
+    with pytest.raises(FileProblem, match=re.escape(message)):
+        load(tmp_path, f"{text}{more}{table}")
+
+
+def test_an_iterated_command_is_checked_as_the_plan_checks_a_point(tmp_path: Path) -> None:
+    matrix, rig = load(tmp_path, f"{matrix_of('sweep')}{SWEEP}{ITERATE}"), bench(tmp_path)
+    point = matrix.points()[0]
+    target = point.record_samples
+    assert target is not None
+    limits = SignalLimits(point, matrix, rig, forecaster(matrix.specimen))
+    assert limits.against(target, target) == ""
+    assert limits.share(target) == 1.0
+    for factor, part in ((4.0, "speed"), (9.0, "stroke")):
+        large = replace(target, amplitude_m=factor * target.amplitude_m)
+        assert part in limits.against(large, target)
+        share = limits.share(large)
+        assert 0.0 < share < 1.0
+        assert limits.against(replace(large, amplitude_m=share * large.amplitude_m), target) == ""
+    hint = next(line for line in plan(matrix, rig).warnings if "iterated" in line)
+    assert "up to 5 trials" in hint
+
+
+def test_a_target_beyond_a_limit_is_refused_with_the_amplitude_that_fits(tmp_path: Path) -> None:
+    text = f"{matrix_of('sweep')}{SWEEP}{ITERATE}".replace('first_amplitude = "10 mm"', 'first_amplitude = "60 mm"')
+    planned = plan(load(tmp_path, text), bench(tmp_path))
+    assert not planned.feasible
+    fits_m = planned.points[0].would_fit_m
+    assert fits_m is not None
+    assert 0.0 < fits_m < 0.06

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 import struct
 from contextlib import nullcontext
 from dataclasses import replace
@@ -64,6 +65,20 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
     assert targets[100][2] == pytest.approx(0.01, abs=1e-9), "about the centre"
 
 
+def test_of_an_iterated_command_the_target_is_recorded_beside_it_and_moves_nothing() -> None:
+    records: list[Any] = []
+    target = sent(amplitude_m=0.008)["samples"]
+    source = SignalSource(signal_order(sent(target=target), LIMITS, HALT), records.extend)
+    setpoint = source.at(1.0)
+    assert setpoint is not None
+    assert setpoint.position_m == pytest.approx(0.002 + 0.01), "the command"
+    values = {record[4]: record[2] for record in records}
+    assert values[Channel.SIGNAL_TARGET] == pytest.approx(0.008)
+    assert values[Channel.SIGNAL_COMMAND] == pytest.approx(0.01)
+    with pytest.raises(StationRefused, match=re.escape("speed 0.25")):
+        signal_order(sent(amplitude_m=0.04, rate_Hz=2.0, target=sent(rate_Hz=2.0)["samples"]), LIMITS, HALT)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -80,6 +95,8 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
         (sent(samples="no base64!"), "expected a signal"),
         (sent(samples=[0.0, 0.0]), "expected a signal"),
         (sent(samples=packed([0.0] * 200_001, [0.0] * 200_001)), "expected a signal"),
+        (sent(target=packed([0.0] * 5, [0.0] * 5)), "5 samples of the target for 501 of the motion"),
+        (sent(target=17), "expected a signal"),
         (sent(step_s=0.5), "expected a signal"),
         (sent(centre_m="x"), "expected a signal"),
         ({"step_s": 0.004}, "expected a signal"),

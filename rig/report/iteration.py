@@ -1,0 +1,129 @@
+"""The report's section on iterated commands of signals: errors of the trials, response of the machine, command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rig.display import Display
+from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Keys, section, table
+from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.numbers import NOTHING, number
+from rig.document.style import MEASURED, OVERLAID, RESIDUAL
+from rig.document.words import Key, Strong, Words, verdict
+from rig.recording.recorded_point import RecordedPoint
+from rig.report.views import PointView
+from rig.signals.arrays import FloatArray
+
+NOTE = (
+    "The command of each signal was iterated: the response of the machine from command to displacement was identified "
+    "with band-limited noise and inverted at the frequencies at which the coherence suffices. Trial 0 has the target "
+    "itself as its command, or a stored one. Trials are not recorded as points; their commands are in drives/ of the "
+    "campaign's folder. Errors: RMS deviation of the rod from the target after removal of the delay, relative to the "
+    "RMS of the target about its mean."
+)
+HEAD = (
+    Column("Point"), Column("Signal"), Column("Errors of the trials", "%"), Column("Recorded", "%", True),
+    Column("Tolerance", "%", True), Column("Corrected from", "Hz", True), Column("to", "Hz", True),
+    Column("Machine's delay", "ms", True), Column("Delay left", "ms", True), Column("Outcome"), Column("Verdict"),
+)  # fmt: skip
+SHOWN_S = 2.0
+"""Of command, target and rod, about the middle."""
+OUTCOMES = {
+    "converged": "converged", "limit": "limit reached", "not-coherent": "not coherent", "noise-floor": "noise floor",
+    "divergence": "divergence", "iterations": "too few iterations",
+}
+
+
+def iteration_section(views: Sequence[PointView]) -> Blocks:
+    """Table and plots of the run's iterated signals; empty without any."""
+    shown = [(view, iteration) for view in views if (iteration := view.point.commanded.iterated) is not None]
+    if not shown:
+        return []
+    parts: Blocks = [*section("Drive iteration", NOTE), table(HEAD, [_row(view, of) for view, of in shown])]
+    keys = (Key("measured", MEASURED), Key("target", OVERLAID), Key("command", RESIDUAL))
+    cards = tuple(Card((Strong(view.point.id), f" {view.point.motion}"), (Figures(_figures(view, of)),))
+                  for view, of in shown)
+    return [*parts, Keys(keys), Cards(cards)]
+
+
+def _row(view: PointView, of: Mapping[str, Any]) -> tuple[Words, ...]:
+    point, quality, band_Hz = view.point, view.point.quality.signal, of.get("band_Hz") or (None, None)
+    nrms, delay_s = (None, None) if quality is None else (quality.nrms, quality.delay_s)
+    values = (
+        _times(nrms, 100.0), _times(point.commanded.tracking_tolerance, 100.0), *band_Hz,
+        _times(of.get("delay_s"), 1e3), _times(delay_s, 1e3),
+    )
+    errors = ", ".join(number(100.0 * error, 3) for error in of.get("errors", ()))
+    outcome = str(of.get("outcome", ""))
+    shown = (NOTHING if value is None else number(value, 3) for value in values)
+    return (
+        point.id, point.motion, errors or NOTHING, *shown,
+        OUTCOMES.get(outcome, outcome) or NOTHING, verdict(point.verdict),
+    )
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
+
+
+def _figures(view: PointView, of: Mapping[str, Any]) -> tuple[Figure, ...]:
+    point = view.point
+    errors = 100.0 * _array(of, "errors")
+    figures = []
+    if len(errors):
+        trials = np.arange(len(errors), dtype=np.float64)
+        tolerance = np.full(2, 100.0 * (point.commanded.tracking_tolerance or 0.0))
+        figures.append(Figure(
+            Axis("Trial", limits=(-0.3, max(1.0, trials[-1]) + 0.3)), Axis("RMS error", "%", log=True),
+            [Trace(np.array([-0.3, max(1.0, trials[-1]) + 0.3]), tolerance, Style.THIN, "tolerance"),
+             Trace(trials, errors, Style.THIN, "error"), Trace(trials, errors, Style.POINTS, "error")],
+            320, 200, title=f"{point.id}: RMS error of each trial",
+        ))
+    frequency_Hz = _array(of, "frequency_Hz")
+    if len(frequency_Hz) > 1:
+        figures += _response_figures(point, of, frequency_Hz)
+    command = _command_figure(point, view.display)
+    return (*figures, *([] if command is None else [command]))
+
+
+def _response_figures(point: RecordedPoint, of: Mapping[str, Any], frequency_Hz: FloatArray) -> list[Figure]:
+    axis, limit = Axis("Frequency", "Hz"), np.full(2, float(of.get("least_coherence", 0.0)))
+    gain = Trace(frequency_Hz, _array(of, "gain"), name="gain")
+    coherence = [
+        Trace(frequency_Hz[[0, -1]], limit, Style.THIN, "least coherence"),
+        Trace(frequency_Hz, _array(of, "coherence"), name="coherence"),
+    ]
+    return [
+        Figure(axis, Axis("Gain"), [gain], 320, 200, title=f"{point.id}: gain from command to rod"),
+        Figure(axis, Axis("Coherence", limits=(0.0, 1.05)), coherence, 320, 200, title=f"{point.id}: coherence"),
+    ]
+
+
+def _array(of: Mapping[str, Any], name: str) -> FloatArray:
+    return np.asarray(of.get(name, ()), np.float64)
+
+
+def _command_figure(point: RecordedPoint, display: Display) -> Figure | None:
+    """Command, target and rod over a short time; None where they were not recorded."""
+    quality = point.quality.signal
+    sent, target, command = (point.raw(name) for name in ("signal_time", "signal_target", "signal_command"))
+    if quality is None or quality.start_s is None or sent is None or target is None or command is None:
+        return None
+    elapsed_s = np.asarray(sent["value"], np.float64)
+    near = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S
+    known, shown = np.isfinite(point.displacement_m), display.displacement
+    if not len(elapsed_s) == len(target["value"]) == len(command["value"]) or np.count_nonzero(known) < 2:
+        return None
+    rod_m = np.interp(
+        quality.start_s + elapsed_s[near], point.time_s[known], point.displacement_m[known] - point.centre_m
+    )
+    lines = (
+        ("command", np.asarray(command["value"], np.float64)[near], RESIDUAL),
+        ("target", np.asarray(target["value"], np.float64)[near], OVERLAID), ("rod", rod_m, MEASURED),
+    )
+    traces = [Trace(elapsed_s[near], shown.signed(values), name=name, colour=colour) for name, values, colour in lines]
+    title = f"{point.id}: command, target and rod"
+    return Figure(Axis("Time", "s"), Axis(shown.title("Rod"), shown.unit), traces, 480, 220, title=title)

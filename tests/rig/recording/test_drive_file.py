@@ -1,0 +1,84 @@
+"""Stored drives: read back as the start of another iteration, only on the same machine with the same specimen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rig.recording.drive_file import DriveOwner, kept_drives, write_drive
+from rig.signals.drive_iteration import KEPT, FrequencyResponse, SignalDrive, Trial, command_record
+from rig.signals.record import SweepMotion, sweep_record
+from rig.test_point import TestPoint
+
+TARGET = sweep_record(SweepMotion(5.0, 1.0, 4.0, 0.01, 0.004), 1.0)
+POINT = TestPoint("p001", "sweep", TARGET.amplitude_m, 2.0, 1.5, 1, 0.0, 0.0, kind="signal", record=TARGET)
+OWNER = DriveOwner("MR-001", "abc")
+
+
+def drive() -> SignalDrive:
+    lines_Hz = np.arange(0.5, 8.0, 0.5)
+    response = FrequencyResponse(0.02, 0.8, lines_Hz, 0.8 * np.exp(-0.1j * lines_Hz), np.full(len(lines_Hz), 0.98))
+    better = command_record(TARGET, 1.2 * TARGET.amplitude_m * TARGET.shape)
+    measured = TARGET.amplitude_m * TARGET.shape
+    trials = tuple(
+        Trial(number, error, 0.001, 0.0, command, measured)
+        for number, (error, command) in enumerate(((0.2, TARGET), (0.01, better), (0.05, TARGET)))
+    )
+    return SignalDrive(TARGET.mark, TARGET.amplitude_m, 1.5, 0.8, better, response, trials=trials, outcome="converged")
+
+
+def test_the_best_command_and_the_response_are_read_back(tmp_path: Path) -> None:
+    written = drive()
+    write_drive(tmp_path / "drives", "p001", OWNER, POINT, written)
+    (kept,), problems = kept_drives(tmp_path / "drives", OWNER, (POINT,), 0.7)
+    assert problems == ()
+    assert kept.is_for(TARGET, 1.5)
+    assert (kept.trials, kept.outcome, kept.start, kept.gain) == ((), "", KEPT, 0.7)
+    assert kept.command is not None
+    assert written.command is not None
+    assert kept.command.amplitude_m * kept.command.shape == pytest.approx(
+        written.command.amplitude_m * written.command.shape, abs=1e-8
+    )
+    assert kept.response is not None
+    assert written.response is not None
+    assert kept.response.response == pytest.approx(written.response.response)
+    with h5py.File(tmp_path / "drives" / "p001.h5") as file:
+        assert file["error"][:].tolist() == [0.2, 0.01, 0.05]
+        assert file["command"].shape == file["measured"].shape == (3, len(TARGET.shape))
+        assert file["command"].attrs["units"] == "m"
+
+
+@pytest.mark.parametrize(
+    ("owner", "point", "problem"),
+    [
+        (replace(OWNER, specimen="MR-002"), POINT, "specimen differs (serial number 'MR-001', here 'MR-002')"),
+        (replace(OWNER, bench="other"), POINT, "bench differs"),
+        (OWNER, replace(POINT, record=sweep_record(SweepMotion(5.0, 1.0, 3.0, 0.01, 0.004), 1.0)), ""),
+    ],
+)
+def test_a_drive_of_another_specimen_bench_or_signal_is_not_used(
+    tmp_path: Path, owner: DriveOwner, point: TestPoint, problem: str
+) -> None:
+    write_drive(tmp_path / "drives", "p001", OWNER, POINT, drive())
+    kept, problems = kept_drives(tmp_path / "drives", owner, (point,), 0.8)
+    assert kept == ()
+    assert problem in "".join(problems)
+    assert bool(problems) == bool(problem)
+
+
+def test_a_damaged_file_is_named_and_costs_nothing_else(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drives", "p001", OWNER, POINT, drive())
+    whole = (tmp_path / "drives" / "p001.h5").read_bytes()
+    (tmp_path / "drives" / "p000.h5").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "drives" / "p002.h5").write_bytes(b"no drive")
+    kept, problems = kept_drives(tmp_path / "drives", OWNER, (POINT,), 0.8)
+    assert len(kept) == 1
+    assert [problem.partition(":")[0] for problem in problems] == ["p000.h5", "p002.h5"]
+
+
+def test_without_a_folder_there_is_nothing_to_start_from(tmp_path: Path) -> None:
+    assert kept_drives(tmp_path / "drives", OWNER, (POINT,), 0.8) == ((), ())
