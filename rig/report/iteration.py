@@ -29,6 +29,8 @@ HEAD = (
     Column("Tolerance", "%", True), Column("Corrected from", "Hz", True), Column("to", "Hz", True),
     Column("Machine's delay", "ms", True), Column("Delay left", "ms", True), Column("Outcome"), Column("Verdict"),
 )  # fmt: skip
+SIZE = (400, 220)
+"""Of each figure (pixels)."""
 SHOWN_S = 2.0
 """Of command, target and rod, about the middle."""
 OUTCOMES = {
@@ -44,9 +46,9 @@ def iteration_section(views: Sequence[PointView]) -> Blocks:
         return []
     parts: Blocks = [*section("Drive iteration", NOTE), table(HEAD, [_row(view, of) for view, of in shown])]
     keys = (Key("measured", MEASURED), Key("target", OVERLAID), Key("command", RESIDUAL))
-    cards = tuple(Card((Strong(view.point.id), f" {view.point.motion}"), (Figures(_figures(view, of)),))
+    cards = tuple(Card((Strong(view.point.id), f" {view.point.motion}"), (Figures(_figures(view, of), across=2),))
                   for view, of in shown)
-    return [*parts, Keys(keys), Cards(cards)]
+    return [*parts, Keys(keys), Cards(cards, large=True)]
 
 
 def _row(view: PointView, of: Mapping[str, Any]) -> tuple[Words, ...]:
@@ -80,7 +82,7 @@ def _figures(view: PointView, of: Mapping[str, Any]) -> tuple[Figure, ...]:
             Axis("Trial", limits=(-0.3, max(1.0, trials[-1]) + 0.3)), Axis("RMS error", "%", log=True),
             [Trace(np.array([-0.3, max(1.0, trials[-1]) + 0.3]), tolerance, Style.THIN, "tolerance"),
              Trace(trials, errors, Style.THIN, "error"), Trace(trials, errors, Style.POINTS, "error")],
-            320, 200, title=f"{point.id}: RMS error of each trial",
+            *SIZE, title=f"{point.id}: RMS error of each trial",
         ))
     frequency_Hz = _array(of, "frequency_Hz")
     if len(frequency_Hz) > 1:
@@ -97,8 +99,8 @@ def _response_figures(point: RecordedPoint, of: Mapping[str, Any], frequency_Hz:
         Trace(frequency_Hz, _array(of, "coherence"), name="coherence"),
     ]
     return [
-        Figure(axis, Axis("Gain"), [gain], 320, 200, title=f"{point.id}: gain from command to rod"),
-        Figure(axis, Axis("Coherence", limits=(0.0, 1.05)), coherence, 320, 200, title=f"{point.id}: coherence"),
+        Figure(axis, Axis("Gain"), [gain], *SIZE, title=f"{point.id}: gain from command to rod"),
+        Figure(axis, Axis("Coherence", limits=(0.0, 1.05)), coherence, *SIZE, title=f"{point.id}: coherence"),
     ]
 
 
@@ -126,4 +128,4 @@ def _command_figure(point: RecordedPoint, display: Display) -> Figure | None:
     )
     traces = [Trace(elapsed_s[near], shown.signed(values), name=name, colour=colour) for name, values, colour in lines]
     title = f"{point.id}: command, target and rod"
-    return Figure(Axis("Time", "s"), Axis(shown.title("Rod"), shown.unit), traces, 480, 220, title=title)
+    return Figure(Axis("Time", "s"), Axis(shown.title("Rod"), shown.unit), traces, *SIZE, title=title)

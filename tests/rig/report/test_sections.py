@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.document.blocks import Cards, Figures
 from rig.document.moments import local_time
 from rig.document.numbers import between, number
 from rig.document.style import SEQUENCE, current_colour
@@ -20,6 +21,7 @@ from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.recorded_point import RecordedPoint
 from rig.report import write_report
 from rig.report.events import campaign_events
+from rig.report.iteration import iteration_section
 from rig.report.loops import details, loop_figures
 from rig.report.over_current import parameter_figures
 from rig.report.traces import envelope
@@ -205,3 +207,31 @@ def test_a_record_is_reported_by_its_name_and_drawn_with_its_reversals_where_it_
     shown = view_of(hybrid)
     assert motion_of(shown) == "hybrid test, 10 mm"
     assert details([shown], fitted=False) == [], "it has its own section"
+
+
+def test_an_iterated_signal_shows_its_trials_its_response_and_its_outcome(tmp_path: Path) -> None:
+    lines = [0.5 * k for k in range(1, 21)]
+    iteration = {
+        "outcome": "limit", "reason": "valve", "start": "target", "errors": [0.4321, 0.0765], "best": 1,
+        "delays_s": [0.02, 0.0], "band_Hz": [0.5, 9.5], "delay_s": 0.0213, "least_coherence": 0.8,
+        "frequency_Hz": lines, "gain": [1.0] * 20, "phase_rad": [0.0] * 20, "coherence": [0.99] * 20,
+    }
+    time_s = np.arange(1000) / 100.0
+    write_file(tmp_path / "p001.h5", PointFile(
+        time_s, 100.0, [AlignedChannel("displacement", np.sin(time_s), "m", "Damper extension"),
+                        AlignedChannel("force", np.cos(time_s), "N", "Force")],
+        test={"id": "p001", "waveform": "road", "amplitude_m": 0.02, "frequency_Hz": 1.0, "current_A": 0.5,
+              "kind": "signal", "tracking_tolerance": 0.02, "iteration": json.dumps(iteration)},
+        quality={"verdict": "suspect", "reasons": ("iteration: limit",)},
+    ))  # fmt: skip
+    view = view_of(RecordedPoint.open(tmp_path / "p001.h5"))
+    blocks = iteration_section([view])
+    text = repr(blocks)
+    for shown in ("43.2, 7.65", "0.5", "9.5", "21.3", "limit reached"):
+        assert shown in text, shown
+    figures = [figure for block in blocks if isinstance(block, Cards) for card in block.cards
+               for part in card.blocks if isinstance(part, Figures) for figure in part.figures]
+    assert [figure.title for figure in figures] == [
+        "p001: RMS error of each trial", "p001: gain from command to rod", "p001: coherence",
+    ]
+    assert figures[0].traces[1].y.tolist() == pytest.approx([43.21, 7.65])
