@@ -54,6 +54,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "export": ("rig.cli.export", "Export a run or a fit for use in another program."),
         "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
         "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
+        "quality": ("rig.cli.quality", "Check the process: control charts, golden damper, gauge R&R, capability."),
         "reanalyse": ("rig.cli.reanalyse", "Analyse old runs again with this version; show what has changed."),
     },
     "Models": {
