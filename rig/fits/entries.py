@@ -46,10 +46,14 @@ class Estimate:
     quantity: str = ""
 
     @property
+    def determined(self) -> bool:
+        """Whether the tests determine the value, of the parameter or of `quantity`."""
+        return self.identifiable or bool(self.quantity)
+
+    @property
     def has_interval(self) -> bool:
-        """Whether the tests determine the value, of the parameter or of `quantity`, with its standard error."""
-        known = self.standard_error is not None and self.low is not None and self.high is not None
-        return known and (self.identifiable or bool(self.quantity))
+        """Whether the value is determined and has both ends of its interval."""
+        return self.determined and self.low is not None and self.high is not None
 
     def __float__(self) -> float:
         """The value; NaN where nothing can be said."""

@@ -73,7 +73,7 @@ def known_draws(fit: FitRecord) -> tuple[tuple[str, ...], FloatArray, float]:
         return names, np.array([fit.drawn.draws[name] for name in names]).T, fit.drawn.widening
     names = tuple(
         name for name, estimate in fit.parameters.items()
-        if estimate.has_interval and name in fit.correlation
+        if estimate.determined and estimate.standard_error is not None and name in fit.correlation
     )  # fmt: skip
     if not names:
         raise IdentificationFailed("no uncertainty band: the fit has no covariance. Fix: fit again with --bootstrap")
