@@ -188,7 +188,8 @@ class FitRecord:
     def known_covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
         rows, known = self.correlation, self.parameters
-        names = [name for name, one in known.items() if name in rows and one.determined and one.standard_error is not None]
+        errors = {name: one.standard_error for name, one in known.items() if one.determined}
+        names = [name for name, error in errors.items() if name in rows and error is not None]
         matrix = self.covariance_of(names)
         return ([], np.zeros((0, 0))) if matrix is None else (names, matrix)
 
