@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -54,6 +55,7 @@ class CampaignOptions:
         drives_path: an earlier run from whose commands the iterations of signals start; None: from the signals.
         planned: `plan_digest` of the plan that the operator saw on a page; empty: none.
         files: contents of the matrix, the bench file and the files that they name; these bytes are run and stored.
+        start_rig: starts the process of a simulated rig with these arguments and this log; None: as usual.
     """
 
     matrix_path: Path
@@ -71,6 +73,9 @@ class CampaignOptions:
     planned: str = ""
     drives_path: Path | None = None
     files: FirstRead = field(default_factory=FirstRead, compare=False, repr=False)
+    start_rig: Callable[[Sequence[str], Path], subprocess.Popen[bytes]] | None = field(
+        default=None, compare=False, repr=False
+    )
 
 
 @dataclass(frozen=True)

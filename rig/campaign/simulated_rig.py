@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,6 +84,54 @@ def wearing(path: Path) -> tuple[str, ...]:
     return tuple(arguments)
 
 
+def start_process(arguments: Sequence[str], log_path: Path) -> subprocess.Popen[bytes]:
+    """Start `python -m simulators` with these arguments; its standard error is appended to its log."""
+    with open_to_append(log_path) as log:
+        return subprocess.Popen(
+            own_program("simulators", *arguments), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log,
+            start_new_session=True,
+        )
+
+
+class PreparedRig:
+    """A simulated rig that loads its program in advance, for a line that starts one after another."""
+
+    def __init__(self) -> None:
+        self._waiting: subprocess.Popen[bytes] | None = None
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Load the next one."""
+        self._waiting = subprocess.Popen(
+            own_program("simulators.prepared"), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, start_new_session=True,
+        )
+
+    def start(self, arguments: Sequence[str], log_path: Path) -> subprocess.Popen[bytes]:
+        """As `start_process`, with the process that has been loaded; the next one is loaded meanwhile."""
+        process, self._waiting = self._waiting, None
+        request = json.dumps({"arguments": list(arguments), "log": str(log_path.resolve())}) + "\n"
+        try:
+            if process is None or process.stdin is None:
+                return start_process(arguments, log_path)
+            with process.stdin as line:
+                line.write(request.encode())
+        except OSError:  # it has ended meanwhile
+            return start_process(arguments, log_path)
+        finally:
+            self.prepare()
+        return process
+
+    def close(self) -> None:
+        """End the one that waits."""
+        if self._waiting is not None and self._waiting.stdin is not None:
+            self._waiting.terminate()
+            self._waiting.wait()
+            self._waiting.stdin.close()
+            if self._waiting.stdout is not None:
+                self._waiting.stdout.close()
+
+
 @dataclass
 class SimulatedRig:
     """A running `python -m simulators` in a session of its own.
@@ -122,14 +171,7 @@ class SimulatedRig:
         arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
         arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
-        with open_to_append(log_path) as log:
-            process = subprocess.Popen(
-                own_program("simulators", *arguments, *options.simulator_args),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                start_new_session=True,
-            )
+        process = (options.start_rig or start_process)([*arguments, *options.simulator_args], log_path)
         try:
             line = _first_line(process, START_TIMEOUT_S, waiting)
         except BaseException:

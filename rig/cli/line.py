@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,6 +94,7 @@ def command(
     arguments = (*specimens_of(tests, simulate=simulate), *arguments)
     # loads numpy: not needed for the help
     from rig.campaign.results import CampaignOptions
+    from rig.campaign.simulated_rig import PreparedRig
 
     options = CampaignOptions(
         matrix_path=matrix, out=out, bench_path=bench, simulate=simulate, speed=1.0 if speed is None else speed,
@@ -100,6 +102,10 @@ def command(
     )  # fmt: skip
     session, shown = LineSession(tests, TestedSpecimens(out)), console(as_json=as_json)
     with hangups_interrupt(), contextlib.ExitStack() as ends:
+        if simulate:
+            prepared = PreparedRig()
+            ends.callback(prepared.close)
+            options = replace(options, start_rig=prepared.start)
         line = _Line(session, options, shown, Entries(reader), None if no_identify else tests, ends, Analyst)
         with contextlib.suppress(KeyboardInterrupt):
             line.run()
@@ -225,8 +231,6 @@ class _Line:
             RigError: it was refused before it had a directory.
         """
         # loads numpy: not needed for the help
-        from dataclasses import replace
-
         from rig.cli.job import LineParts, run_job
         from rig.cli.line_entries import WatchingDisplay
         from rig.cli.page import live_link
