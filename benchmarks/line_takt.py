@@ -55,7 +55,8 @@ def show_phases(run: Path) -> None:
         apart = "" if now is None or before is None else f"{(now - before).total_seconds():6.2f}"
         before = now or before
         if event.get("event") != "station" or event.get("what") == "ready":
-            print(f"    {apart:>6}  {event.get('event')} {event.get('text') or event.get('what') or event.get('id') or ''}")
+            what = event.get("text") or event.get("what") or event.get("id") or ""
+            print(f"    {apart:>6}  {event.get('event')} {what}")
 
 
 if __name__ == "__main__":

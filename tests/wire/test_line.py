@@ -21,7 +21,7 @@ def test_a_list_of_serial_numbers_is_tested_on_the_simulated_rig(tmp_path: Path)
     done = subprocess.run(
         [sys.executable, "-m", "rig.cli.main", "line", "examples/line.toml", "--simulate", "--speed", "10", "--out",
          str(tmp_path), "--json"],
-        input="MR-101\nMX-1\nMR-101\nMR-103\n", stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
+        input="MR-101\nMX-1\nMR-101\nMR-103\n", capture_output=True, text=True, cwd=ROOT,
         timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == EXIT_NOT_ACCEPTED, done.stderr
