@@ -54,6 +54,8 @@ MOST_LINES = 200
 """Of the response in the description of a point."""
 LARGEST_DELAY_S = 2e-3
 """Of the rod behind its target, with which a command is final: the host's clock shows no less."""
+SPEED_OVER_S = 0.005
+"""Over which the speed of the measured signal is taken: the noise of a displacement sensor is no speed."""
 MOST_OUTSIDE = 0.5
 """Share of the error's power at frequencies that are not corrected, above which these limit the error."""
 
@@ -310,7 +312,8 @@ def allowed_start(drive: SignalDrive, target: Record, limits: CommandLimits) -> 
 
 
 def advanced(
-    drive: SignalDrive, target: Record, measured: FloatArray, settings: IterationSettings, limits: CommandLimits
+    drive: SignalDrive, target: Record, measured: FloatArray, settings: IterationSettings, limits: CommandLimits, *,
+    saturated: bool = False,
 ) -> SignalDrive:
     """The drive after one more run, of the noise or of a command: converged, corrected, or given up with the reason.
 
@@ -320,6 +323,7 @@ def advanced(
         measured: (n,) every `STEP_S` from the begin of the run, about its centre.
         settings: of the iteration.
         limits: of machine and specimen.
+        saturated: the controller reported during the run that its valve was fully open.
 
     Raises:
         NoRecord: nothing is left to command.
@@ -333,7 +337,7 @@ def advanced(
         raise ValueError("a drive has noise, or a command and a response")
     trial = tried(len(drive.trials), target, drive.command, measured, response)
     before = drive.best
-    drive = replace(drive, trials=(*drive.trials, trial))
+    drive = replace(drive, trials=(*drive.trials, trial), limited=_saturation(target, trial) if saturated else "")
     best = drive.best or trial
     if best.within(SETTLED_SHARE * settings.tolerance):
         return _ended(drive, best, CONVERGED, settings)
@@ -362,9 +366,20 @@ def _corrected(
         command, expected = _commanded(drive, target, best, gain), _expected(drive, target, best, gain)
         refused = limits.against(command, expected)
         if not refused:
-            return replace(drive, command=command, limited=why, setbacks=drive.setbacks + bool(why))
+            return replace(drive, command=command, limited=why or drive.limited, setbacks=drive.setbacks + bool(why))
         why = why or f"{refused}; {_fitting(limits.share(_commanded(drive, target, best, 1.0)))}"
     return _ended(replace(drive, limited=why), best, LIMIT, settings)
+
+
+def _saturation(target: Record, trial: Trial) -> str:
+    """What a saturated valve means for the target: the speed that the rod reached is what the valve allows."""
+    apart = round(SPEED_OVER_S / STEP_S)
+    reached_m_s = float(np.max(np.abs(trial.measured[apart:] - trial.measured[:-apart]))) / SPEED_OVER_S
+    scale = reached_m_s / max(target.amplitude_m * target.peak_velocity, 1e-12)
+    return (
+        f"the valve is saturated: the rod reached {reached_m_s:.3g} m/s, and a higher speed requires more flow than "
+        f"the valve can pass; {_fitting(min(1.0, scale))}"
+    )
 
 
 def _fitting(scale: float) -> str:

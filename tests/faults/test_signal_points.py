@@ -119,3 +119,58 @@ def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> Non
     played = Run.open(ending.folder).points[0].raw("signal_time")
     assert played is not None
     assert 0.5 < played["value"][-1] < 4.0, "in the middle of the sweep"
+
+
+ITERATED = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+waveform = ["file"]
+current = ["2.5 A"]
+[matrix.file]
+file = ["drive.csv"]
+ramp = "500 ms"
+[matrix.iterate]
+tolerance = "0.5 %"
+noise_duration = "10 s"
+[identify]
+enabled = false
+"""
+
+
+@pytest.mark.nightly
+def test_killed_in_an_iteration_it_is_resumed_from_the_stored_command(tmp_path: Path) -> None:
+    slow = "--option", "servo.bandwidth_Hz=6"
+    drive(tmp_path)
+    with Stage(3, tmp_path) as stage:
+        campaign = begin(stage, tmp_path, setting(ITERATED, *slow))
+        journal = campaign.folder / "journal.jsonl"
+        campaign.until(lambda: "iteration 0: RMS error" in journal.read_text(encoding="utf-8"), "the first trial")
+        campaign.run_on(1.0)
+        campaign.send(signal.SIGKILL)
+        campaign.finish()
+        stored = campaign.campaign_folder / "drives" / "p001.h5"
+        assert stored.is_file()
+        assert not list((campaign.campaign_folder / "points").iterdir()), "trials are not points"
+        code, answer = campaign.resumed(setting(ITERATED, *slow))
+        folder = campaign.campaign_folder
+    lines = (folder / "journal.jsonl").read_text(encoding="utf-8")
+    assert lines.count("identifying the response") == 1, "the stored response serves"
+    assert "starts from a stored command" in lines
+    (point,) = answer["points"]
+    iteration, errors = point["iteration"], point["iteration"]["errors"]
+    assert (iteration["start"], iteration["outcome"]) == ("kept", "converged"), (code, answer)
+    assert errors[-1] <= 0.005
+    recorded = Run.open(folder).points[0]
+    assert recorded.quality.signal is not None
+    assert recorded.quality.signal.nrms is not None
+    assert recorded.quality.signal.nrms < 0.006
+    assert recorded.commanded.tracking_tolerance == 0.005
+    target, command = recorded.raw("signal_target"), recorded.raw("signal_command")
+    assert target is not None
+    assert command is not None
+    assert len(target["value"]) == len(command["value"])
+    assert max(abs(command["value"] - target["value"])) > 1e-4, "the command leads the target and is larger"

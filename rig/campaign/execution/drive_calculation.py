@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.ring import Channel
+from drivers.roles import Input
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.point_recording import point_context
 from rig.campaign.sequencer import action as act
@@ -91,8 +93,13 @@ class DriveCalculation:
             return allowed_start(drive_for(target, point.current_A, action.known, settings), target, limits)
         context = point_context(campaign, act.BeginRecording(point, 1, run), point.id)
         commanded = run.record_samples or target
-        measured_m = rod_along(commanded, run.centre_m, align(np.concatenate(records), context))
-        return None if measured_m is None else advanced(action.drive, target, measured_m, settings, limits)
+        received = np.concatenate(records)
+        measured_m = rod_along(commanded, run.centre_m, align(received, context))
+        if measured_m is None:
+            return None
+        inputs = received["value"][received["channel"] == Channel.INPUTS].astype(np.int64)
+        saturated = bool((inputs & int(Input.VALVE_SATURATED)).any())
+        return advanced(action.drive, target, measured_m, settings, limits, saturated=saturated)
 
     def _keep(self, point: TestPoint, drive: SignalDrive) -> None:
         """Store the drive beside the points; a disk that refuses it does not end the iteration."""

@@ -177,6 +177,28 @@ def test_a_limit_ends_the_iteration_with_the_scale_that_fits() -> None:
     assert iterate(machine, smaller, Limits(limits.acceleration_m_s2)).outcome == "converged"
 
 
+def test_a_saturated_valve_is_named_with_the_scale_that_fits() -> None:
+    """The rod of this machine moves at 0.6 of the target's peak speed at most, whatever the command."""
+    fastest_m = 0.6 * TARGET.amplitude_m * TARGET.peak_velocity * STEP_S
+
+    def valve(command_m: FloatArray) -> FloatArray:
+        rod_m, moved = 0.0, np.empty_like(command_m)
+        for index, wanted_m in enumerate(command_m.tolist()):
+            rod_m += max(-fastest_m, min(fastest_m, wanted_m - rod_m))
+            moved[index] = rod_m
+        return moved
+
+    drive = drive_for(TARGET, 1.0, (), SETTINGS)
+    while not drive.settled:
+        command = drive.noise or drive.command
+        assert command is not None
+        run_m = valve(command.amplitude_m * command.shape)
+        drive = advanced(drive, TARGET, run_m, SETTINGS, Limits(), saturated=drive.noise is None)
+    assert drive.outcome == "limit"
+    assert "valve is saturated" in drive.cannot
+    assert float(drive.cannot.rpartition("scaled by ")[2].split()[0]) == pytest.approx(0.6, abs=0.02)
+
+
 def test_noise_that_is_too_strong_is_reduced_and_a_target_without_room_given_up() -> None:
     noise = noise_record(TARGET, SETTINGS)
     half = Limits(0.5 * noise.amplitude_m * noise.peak_acceleration)
