@@ -12,7 +12,7 @@ import pytest
 
 from rig.bench.model import Bench
 from rig.campaign.execution.action_executor import signal_order
-from rig.campaign.file_copies import keep_matrix
+from rig.campaign.file_copies import keep_drives, keep_matrix
 from rig.cli.run import following
 from rig.cli.tables import PlanText
 from rig.errors import FileProblem
@@ -353,3 +353,17 @@ def test_a_target_beyond_a_limit_is_refused_with_the_amplitude_that_fits(tmp_pat
     fits_m = planned.points[0].would_fit_m
     assert fits_m is not None
     assert 0.0 < fits_m < 0.06
+
+
+def test_stored_commands_are_copied_only_where_they_exist_and_something_is_iterated(tmp_path: Path) -> None:
+    earlier, folder = tmp_path / "earlier", tmp_path / "new"
+    folder.mkdir()
+    iterated = load(tmp_path, f"{matrix_of('sweep')}{SWEEP}{ITERATE}")
+    with pytest.raises(FileProblem, match="contains no commands"):
+        keep_drives(earlier, folder, iterated)
+    (earlier / "drives").mkdir(parents=True)
+    (earlier / "drives" / "p001.h5").write_bytes(b"command")
+    with pytest.raises(FileProblem, match=r"no \[matrix.iterate\] table"):
+        keep_drives(earlier, folder, load(tmp_path, f"{matrix_of('sweep')}{SWEEP}"))
+    keep_drives(earlier, folder, iterated)
+    assert (folder / "drives" / "p001.h5").read_bytes() == b"command"
