@@ -16,6 +16,7 @@ from typing import TextIO
 import click
 
 from rig import __version__
+from rig.bench.server_address import without_passwords
 from rig.cli.help_examples import write_examples
 from rig.cli.output import say, say_error, take_every_character, write_json
 from rig.compile_notice import NOTICE
@@ -49,6 +50,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "Results": {
         "runs": ("rig.cli.runs", "List recorded runs."),
+        "results": ("rig.cli.results", "Show, export or deliver the results of all runs."),
         "report": ("rig.cli.report", "Write the report for a run (HTML, PDF)."),
         "compare": ("rig.cli.compare", "Compare runs; check them against acceptance bands."),
         "export": ("rig.cli.export", "Export a run or a fit for use in another program."),
@@ -291,7 +293,8 @@ def _defect(error: Exception) -> str:
     text = f"unexpected {type(error).__name__} in {Path(last.filename).name}, line {last.lineno}: {error}. "
     try:
         with tempfile.NamedTemporaryFile("w", prefix="mr-damper-rig-", suffix=".txt", delete=False) as file:
-            file.write(f"rig {__version__}, {' '.join(sys.argv)}\n{''.join(traceback.format_exception(error))}")
+            text_of = f"rig {__version__}, {' '.join(sys.argv)}\n{''.join(traceback.format_exception(error))}"
+            file.write(without_passwords(text_of))
     except OSError:
         return f"{text}This is a defect in this program; please report it with the command and its files"
     return f"{text}This is a defect in this program; please report it with {file.name}"

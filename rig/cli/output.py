@@ -8,6 +8,7 @@ import json
 import math
 import shutil
 import sys
+import time
 import unicodedata
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from rig.document.blocks import Block, Document
 
 PLAIN_WIDTH = 132
+BAR_AFTER_S = 2.0
+"""Progress of shorter work is not shown."""
 
 
 def write_json(value: object) -> None:
@@ -78,6 +81,23 @@ def job_bar(what: str) -> Iterator[JobBar]:
             bar.update(task, description=doing or what, completed=done, total=total, left=left)
 
         yield show_progress
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Progress bar for work that is short as a rule, shown after `BAR_AFTER_S`."""
+    started_s = time.monotonic()
+    with ExitStack() as shown:
+        bar: JobBar | None = None
+
+        def report_progress(done: int, total: int) -> None:
+            nonlocal bar
+            if bar is None and time.monotonic() - started_s > BAR_AFTER_S:
+                bar = shown.enter_context(job_bar(what))
+            if bar is not None:
+                bar(done, total, (time.monotonic() - started_s) * (total - done) / done)
+
+        yield report_progress
 
 
 @contextmanager

@@ -6,11 +6,13 @@ import contextlib
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.bench.server_address import ADDRESS_VARIABLE
 from rig.campaign_folder import CampaignFolder
+from rig.cli.delivering import ServerAddress, address_of_run, delivery_to
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.junit import junit_option, junit_report, take_campaign, take_specimen
 from rig.cli.options import Command, ResumedRun, RunPath, json_option, out_option
@@ -20,6 +22,8 @@ from rig.errors import FileProblem
 from rig.text_file import FirstRead
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
     from rig.cli.job import JobResult
@@ -78,6 +82,11 @@ if TYPE_CHECKING:
 @click.option("--stay", is_flag=True, help="With --page: keep serving the page after the campaign ends, until "
                                            "'Close the page' is clicked or Ctrl-C is pressed.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
+@click.option(
+    "--results", "results_url", type=ServerAddress(), metavar="URL", envvar=ADDRESS_VARIABLE, show_envvar=True,
+    help="Deliver the results to this PostgreSQL server (postgresql://USER@HOST/DATABASE) after the run. Default: "
+         "`url` in [results] of the bench file.",
+)
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
 @junit_option
@@ -99,7 +108,7 @@ def command(
     page: bool,
     page_address: str | None,
     page_cert: Path | None, page_key: Path | None,
-    hold: bool, stay: bool,
+    hold: bool, stay: bool, results_url: str | None,
     out: Path, junit: Path | None, as_json: bool, must_be_hybrid: bool,
 ) -> int:
     """Run MATRIX on a rig: check the rig, record every point, identify the damper and write the report.
@@ -160,11 +169,16 @@ def command(
         )
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None
-        with live_link(settings, held=hold, operated=operated) as live:
+        if results_url is None and known is not None and known.results is not None:
+            results_url = known.results.url
+        if results_url is None and resume is not None:
+            results_url = address_of_run(resume)
+        with live_link(settings, held=hold, operated=operated) as live, delivery_to(results_url) as delivery:
             result = run_job(options, wanted, shown, live, report)
             take_campaign(report, result.campaign, None if wanted is None else (result.fit is not None, result.error))
             take_specimen(report, result.specimen)
-            _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
+            delivered = None if delivery is None else delivery.deliver(result.campaign.campaign.parent)
+            _show(result, shown, delivered, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
             if stay:
                 _stay(live, result)
         return result.exit_code
@@ -190,7 +204,10 @@ def _stay(live: RunLink, result: JobResult) -> None:
         live.stay(result.campaign)
 
 
-def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None, hybrid: bool) -> None:
+def _show(
+    result: JobResult, shown: Console, delivered: Mapping[str, Any] | None, *, as_json: bool, page: str | None,
+    hybrid: bool,
+) -> None:
     """Say how it ended, for people or as JSON.
 
     The reader of the output may have closed it meanwhile: the exit code still states how the campaign ended.
@@ -204,9 +221,12 @@ def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None,
         if as_json:
             for style, text in ending(result.campaign):
                 shown.print(text, style=style, soft_wrap=True, markup=False)
-            write_json(result.to_json() | numbers | ({} if page is None else {"page": page}))
+            write_json(result.to_json() | {"delivery": delivered} | numbers | ({} if page is None else {"page": page}))
         else:
             show_result(result, shown)
+            if delivered is not None:
+                style = "none" if delivered["error"] is None else "yellow"
+                shown.print(f"results   {delivered['line']}", style=style, soft_wrap=True, markup=False)
 
 
 def _attended(*, as_json: bool) -> bool:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-import time
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +12,7 @@ import click
 
 from rig.campaign_folder import LOGS, CampaignFolder, held_inodes
 from rig.cli.options import Command, json_option
-from rig.cli.output import JobBar, console, job_bar, show, write_json
+from rig.cli.output import console, progress_bar, show, write_json
 from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.point_files import unfinished
@@ -25,7 +22,6 @@ WIDE = 110
 """Columns from which specimen and date, which are part of most names, have columns of their own."""
 MOST_SHOWN = 200
 """Rows of the table; the last ones."""
-BAR_AFTER_S = 2.0
 
 
 @click.command(
@@ -71,27 +67,10 @@ def _listed(folder: Path, run_filter: RunFilter, last: int | None) -> list[dict[
     if not folder.is_dir():
         raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
     whole, held = str(folder.resolve()), held_inodes()
-    with _progress() as report_progress:
+    with progress_bar("reading runs for the first time") as report_progress:
         summaries = listed(folder, _summary, run_filter, last, report_progress)
     runs = [{**run, "path": os.path.join(whole, run["id"])} for run in summaries]
     return [{**run, "running": _inode(run["path"]) in held} for run in runs]
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Progress bar for a first listing of many runs, shown after `BAR_AFTER_S`."""
-    started_s = time.monotonic()
-    with ExitStack() as shown:
-        bar: JobBar | None = None
-
-        def report_progress(done: int, total: int) -> None:
-            nonlocal bar
-            if bar is None and time.monotonic() - started_s > BAR_AFTER_S:
-                bar = shown.enter_context(job_bar("reading runs for the first time"))
-            if bar is not None:
-                bar(done, total, (time.monotonic() - started_s) * (total - done) / done)
-
-        yield report_progress
 
 
 def _inode(path: str) -> int:

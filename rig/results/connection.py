@@ -16,7 +16,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 from sqlalchemy.pool import NullPool
 
 from rig import __version__
-from rig.bench.results_table import checked_address, server_name, without_passwords
+from rig.bench.server_address import checked_address, server_name, without_passwords
 from rig.errors import FileProblem, RigError
 from rig.results.run_index import NAME, newer_schema
 from rig.results.schema import LOCAL, RESULTS, VERSION, VIEWS, schema_version
@@ -32,6 +32,8 @@ class Unreachable(RigError):
     """The server of results cannot be reached, or refused or lost the connection; nothing is lost."""
 
     slug = "results-unreachable"
+    reason = ""
+    """What the server or the driver reported."""
     repeatable = False
     """Whether the server ended the transaction because of others, so that it can be repeated at once."""
 
@@ -74,6 +76,7 @@ class Database:
         password = self.engine.url.password
         reason = reason.replace(str(password), "***") if password else reason
         lost = Unreachable(f"results server {self.place}: {reason}")
+        lost.reason = reason
         lost.repeatable = getattr(error.orig, "sqlstate", None) in {"40001", "40P01", "55P03"}
         return lost
 

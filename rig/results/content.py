@@ -19,6 +19,7 @@ from rig.campaign_folder import CampaignFolder
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.loop import LoopCharacteristics, Measured
 from rig.comparison.readings import QUANTITIES, calibration_percent
+from rig.comparison.specimen import read_specimen
 from rig.errors import DataWarning, FileProblem
 from rig.files.toml_source import read_toml
 from rig.fits.fit_record import FitRecord, fit_in
@@ -27,7 +28,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_campaign, read_words
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
 from rig.results.run_index import VERDICTS
-from rig.text_file import read_json
+from rig.results.schema import stored_current
 
 NAMESPACE = uuid.UUID("6f3f6d0b-0d0e-5bd2-9a55-1b8f9a3c4d77")
 """Of the campaigns' UUIDs, which are derived from the name in `campaign.json`: a copied or renamed directory, or one
@@ -42,8 +43,8 @@ class Content:
     """The rows of one run.
 
     Attributes:
-        campaign: its row in `campaigns`, without `digest`, `filled_by` and `filled`.
-        children: table -> its rows, each with `campaign_id`.
+        campaign: its row in `campaigns`, without its number, `digest`, `filled_by` and `filled`.
+        children: table -> its rows, without the number of the campaign.
         remark: what could not be read; empty if everything could.
     """
 
@@ -96,9 +97,6 @@ def content_of(folder: Path) -> Content:
         "recorded_points": 0 if run is None else len(run.points), "valid_points": 0 if run is None else len(run.valid),
         "bench_verdict": bench_verdict, "specimen_verdict": specimen_verdict,
     }
-    for rows_of in children.values():
-        for child in rows_of:
-            child["campaign_id"] = campaign_id
     return Content(_plain(row), {name: [_plain(child) for child in part] for name, part in children.items()},
                    "; ".join(remarks))  # fmt: skip
 
@@ -210,31 +208,25 @@ def _bench_verdict(verdict: str, run: Run | None, campaign: Mapping[str, Any]) -
 
 
 def _specimen_verdicts(folder: Path, remarks: list[str]) -> list[Row]:
-    """The specimen's verdict, and one row for each value with its band, from `acceptance.json`."""
-    file = CampaignFolder(folder).acceptance
-    if not file.is_file():
+    """The specimen's verdict, and one row for each value with its band; none without acceptance bands."""
+    if not CampaignFolder(folder).acceptance.is_file():
         return []
     try:
-        accepted = read_json(file)
-        results = accepted.get("results", [])
-        verdict = accepted.get("specimen") or ("ok" if accepted.get("passed") else "not-ok")
-        rows = [
-            _verdict_row(SPECIMEN, 0, str(verdict), bands=str(accepted.get("name", "")),
-                         decision=str(accepted.get("decision", "")), reason=str(accepted.get("why") or "")),
-        ]  # fmt: skip
-        rows += [
-            _verdict_row(
-                SPECIMEN, number, str(result.get("state", "")), reason=str(result.get("why") or ""),
-                quantity=str(result.get("quantity", "")), location=str(result.get("where", "")),
-                value=_number(result.get("value")), expanded_uncertainty=_number(result.get("expanded")),
-                low=_number(result.get("low")), high=_number(result.get("high")), margin=_number(result.get("margin")),
-                unit=str(result.get("unit", "")),
-            )
-            for number, result in enumerate(results, start=1)
-        ]  # fmt: skip
-    except (FileProblem, AttributeError, TypeError) as error:
-        remarks.append(f"{file.name}: {error.problems[0] if isinstance(error, FileProblem) else 'not a valid file'}")
+        specimen = read_specimen(folder)
+    except FileProblem as error:
+        remarks.append(f"{Path(error.file).name}: {error.problems[0]}")
         return []
+    accepted = specimen.acceptance
+    bands, decision = ("", "") if accepted is None else (accepted.name, str(accepted.decision))
+    rows = [_verdict_row(
+        SPECIMEN, 0, str(specimen.verdict), reason=specimen.reason, bands=bands, decision=decision,
+    )]  # fmt: skip
+    for number, result in enumerate(() if accepted is None else accepted.results, start=1):
+        rows.append(_verdict_row(
+            SPECIMEN, number, str(result.state), reason=result.why, quantity=result.quantity, location=result.where,
+            value=result.value, expanded_uncertainty=result.expanded, low=result.low, high=result.high,
+            margin=result.margin, unit=result.unit,
+        ))  # fmt: skip
     return rows
 
 
@@ -258,7 +250,7 @@ def _motion(point: RecordedPoint, loop: LoopCharacteristics | None) -> Row:
         text = point.motion
     return {
         "motion": text, "waveform": point.waveform, "amplitude_m": amplitude_m, "frequency_hz": frequency_hz,
-        "current_a": round(current_a, 6) + 0.0,
+        "current_a": stored_current(current_a),
     }
 
 
@@ -309,7 +301,8 @@ def _value(point: RecordedPoint, name: str, measured: Measured, motion: Row) -> 
     calibration = abs(measured.value) * percent / 100.0
     known = [part for part in (measured.std, calibration) if math.isfinite(part)]
     return {
-        "point": point.id, "quantity": name, "subject": about.subject, **motion, "value": measured.value,
+        "point": point.id, "quantity": name, "subject": about.subject, **motion, "point_verdict": point.verdict,
+        "repeat": int(point.repeat), "value": measured.value,
         "unit": about.unit, "standard_uncertainty": math.hypot(*known) if math.isfinite(measured.std) else None,
         "repeatability_uncertainty": measured.std, "calibration_uncertainty": calibration,
     }

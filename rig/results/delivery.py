@@ -16,7 +16,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, func, select
 
-from rig.bench.results_table import server_name
+from rig.bench.server_address import server_name
 from rig.clock import utc_now
 from rig.errors import RigError
 from rig.results.connection import Database, Unreachable, server
@@ -53,11 +53,8 @@ class Outbox:
     def line(self) -> str:
         """The state in one line."""
         done = f"{self.delivered} of {self.delivered + self.waiting} campaigns delivered to {self.server}"
-        if not self.waiting and not self.error:
-            return done
-        why = f": {self.error}" if self.error else ""
-        kept = " (kept in the run directories; delivered at the next attempt)" if self.waiting else ""
-        return f"{done}, {self.waiting} waiting{kept}{why}"
+        waiting = f"; {self.waiting} waiting for the next attempt" if self.waiting else ""
+        return f"{done}{waiting}" + (f" ({self.error})" if self.error else "")
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `delivery` in `rig results --json`."""
@@ -134,7 +131,7 @@ def deliver(database: Database, url: str, report_progress: Progress = lambda _do
         with server(url) as target:
             _deliver_all(database, target, name, report_progress)
     except Unreachable as problem:
-        error = str(problem)
+        error = problem.reason
     except RigError as problem:
         _note(database, name, str(problem))
         raise

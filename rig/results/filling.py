@@ -229,17 +229,23 @@ def put(
     if connection.execute(present).scalar() == digest:
         return False
     stamp = {"digest": digest, "filled_by": f"mr-damper-rig {__version__}", "filled": utc_now()}
-    upsert(connection, campaigns, {**campaign, **stamp})
+    upsert(connection, campaigns, {**campaign, **stamp}, key="campaign_id")
+    number = _number_of(connection, campaign_id)
     for table in CHILDREN:
-        connection.execute(delete(table).where(table.c.campaign_id == campaign_id))
+        connection.execute(delete(table).where(table.c.campaign == number))
         if rows := children.get(table.name):
-            connection.execute(insert(table), [dict(row) for row in rows])
+            connection.execute(insert(table), [{**row, "campaign": number} for row in rows])
     return True
 
 
-def upsert(connection: Connection, table: Table, row: Mapping[str, Any]) -> None:
-    """Insert a row, or update the one with the same key."""
-    keys = [column.name for column in table.primary_key.columns]
+def _number_of(connection: Connection, campaign_id: str) -> int:
+    query = select(campaigns.c.campaign).where(campaigns.c.campaign_id == campaign_id)
+    return int(connection.execute(query).scalar_one())
+
+
+def upsert(connection: Connection, table: Table, row: Mapping[str, Any], key: str = "") -> None:
+    """Insert a row, or update the one with the same key: the primary key, unless another one is named."""
+    keys = [key] if key else [column.name for column in table.primary_key.columns]
     others = {name: value for name, value in row.items() if name not in keys}
     into = sqlite.insert(table) if connection.dialect.name == "sqlite" else postgresql.insert(table)
     statement = into.values(dict(row))
@@ -252,9 +258,11 @@ def upsert(connection: Connection, table: Table, row: Mapping[str, Any]) -> None
 def rows_of(connection: Connection, campaign_id: str) -> tuple[dict[str, Any], dict[str, list[dict[str, Any]]], str]:
     """The row of a campaign, those of its other tables, and its digest, as `put` takes them."""
     row = dict(connection.execute(select(campaigns).where(campaigns.c.campaign_id == campaign_id)).mappings().one())
+    number = row.pop("campaign")
     children = {
         table.name: [dict(one) for one in connection.execute(
-            select(table).where(table.c.campaign_id == campaign_id)).mappings()]
+            select(*(column for column in table.c if column.name != "campaign")).where(table.c.campaign == number)
+        ).mappings()]
         for table in CHILDREN
     }  # fmt: skip
     digest = str(row.pop("digest"))

@@ -18,10 +18,9 @@ from rig.results.connection import Database, server
 from rig.results.filling import Filled, filled_database
 from rig.results.quantities import QUANTITIES, SPECIMEN
 from rig.results.run_index import RunFilter
-from rig.results.schema import campaigns, characteristics, fits, parameters, points
+from rig.results.schema import campaigns, characteristics, fits, parameters, stored_current
 
 MOST_AT_ONCE = 5_000
-SAME_CURRENT_A = 1e-6
 PLAIN = re.compile(r"[^*?\[]*")
 
 
@@ -35,7 +34,6 @@ class ResultRow(NamedTuple):
         operator: person who performed the test; empty if not stated.
         matrix: name of the matrix file.
         started: start of the campaign, UTC; None if unknown.
-        recorded: start of the recording of the point, UTC; None if unknown.
         point: name of the point; empty for a parameter of a fit.
         repeat: number of the repeat of the point, from 1.
         quantity: name as in `rig.results.quantities`, or the name of a parameter.
@@ -59,7 +57,6 @@ class ResultRow(NamedTuple):
     operator: str
     matrix: str
     started: datetime | None
-    recorded: datetime | None
     point: str
     repeat: int
     quantity: str
@@ -164,20 +161,17 @@ def _or_empty(column: ColumnElement[str]) -> ColumnElement[str]:
 
 
 def _characteristics(wanted: ResultFilter) -> Select[Any]:
-    c, x, p = campaigns.c, characteristics.c, points.c
-    joined = characteristics.join(campaigns, c.campaign_id == x.campaign_id).join(
-        points, (p.campaign_id == x.campaign_id) & (p.point == x.point)
-    )
+    c, x = campaigns.c, characteristics.c
     query = select(
-        c.campaign_id, c.run, _or_empty(c.specimen), _or_empty(c.station), c.operator, c.matrix, c.started, p.recorded,
-        x.point, p.repeat, x.quantity, x.subject, x.motion, x.amplitude_m, x.frequency_hz, x.current_a, x.value, x.unit,
-        x.standard_uncertainty, x.repeatability_uncertainty, x.calibration_uncertainty, p.verdict, c.specimen_verdict,
-        c.simulated,
-    ).select_from(joined)  # fmt: skip
-    conditions = [*_of_campaign(wanted), *_text(x.quantity, wanted.quantity), *_text(p.verdict, wanted.verdict)]
+        c.campaign_id, c.run, _or_empty(c.specimen), _or_empty(c.station), c.operator, c.matrix, c.started, x.point,
+        x.repeat, x.quantity, x.subject, x.motion, x.amplitude_m, x.frequency_hz, x.current_a, x.value, x.unit,
+        x.standard_uncertainty, x.repeatability_uncertainty, x.calibration_uncertainty, x.point_verdict,
+        c.specimen_verdict, c.simulated,
+    ).select_from(characteristics.join(campaigns, c.campaign == x.campaign))  # fmt: skip
+    conditions = [*_of_campaign(wanted), *_text(x.quantity, wanted.quantity), *_text(x.point_verdict, wanted.verdict)]
     if wanted.current_A is not None:
-        conditions.append(x.current_a.between(wanted.current_A - SAME_CURRENT_A, wanted.current_A + SAME_CURRENT_A))
-    return query.where(*conditions).order_by(c.started, c.campaign_id, p.recorded, x.point, x.quantity)
+        conditions.append(x.current_a == stored_current(wanted.current_A))  # a range would not use the index
+    return query.where(*conditions).order_by(c.started, c.campaign_id, x.point, x.quantity)
 
 
 def _parameters(wanted: ResultFilter) -> Select[Any] | None:
@@ -185,11 +179,11 @@ def _parameters(wanted: ResultFilter) -> Select[Any] | None:
     if wanted.current_A is not None or wanted.quantity in QUANTITIES:
         return None
     c, q, f = campaigns.c, parameters.c, fits.c
-    joined = parameters.join(campaigns, c.campaign_id == q.campaign_id).join(fits, f.campaign_id == q.campaign_id)
+    joined = parameters.join(campaigns, c.campaign == q.campaign).join(fits, f.campaign == q.campaign)
     verdict = case((f.adequate.is_(False), "suspect"), else_="valid")
     query = select(
         c.campaign_id, c.run, _or_empty(c.specimen), _or_empty(c.station), c.operator, c.matrix, c.started,
-        null().label("recorded"), literal("").label("point"), literal(1).label("repeat"), q.parameter,
+        literal("").label("point"), literal(1).label("repeat"), q.parameter,
         literal(SPECIMEN).label("subject"), (literal("fit ") + f.model).label("motion"), null().label("amplitude_m"),
         null().label("frequency_hz"), null().label("current_a"), q.value, q.unit, q.standard_uncertainty,
         q.standard_uncertainty.label("repeatability_uncertainty"), null().label("calibration_uncertainty"),

@@ -27,7 +27,7 @@ from sqlalchemy import (
 
 from rig.results.run_index import SCHEMA as VERSION
 
-__all__ = ["CHILDREN", "LOCAL", "RESULTS", "VERSION", "VIEWS", "Utc"]
+__all__ = ["CHILDREN", "LOCAL", "RESULTS", "VERSION", "VIEWS", "Utc", "stored_current"]
 
 RESULTS, LOCAL = MetaData(), MetaData()
 """Tables of every results database; tables that only the file in a folder of runs has."""
@@ -58,6 +58,11 @@ class Utc(types.TypeDecorator[datetime]):
         return read.astimezone(UTC) if isinstance(read, datetime) else None
 
 
+def stored_current(current_A: float) -> float:
+    """A current level (A) as it is stored, so that equal levels are equal numbers."""
+    return round(current_A, 6) + 0.0
+
+
 def _text(name: str, comment: str, *, key: bool = False) -> Column[str]:
     return Column(name, Text, primary_key=key, nullable=False, comment=comment, server_default=None if key else "")
 
@@ -70,10 +75,10 @@ def _count(name: str, comment: str) -> Column[int]:
     return Column(name, Integer, nullable=False, comment=comment, server_default="0")
 
 
-def _of_campaign() -> Column[str]:
+def _of_campaign() -> Column[int]:
     return Column(
-        "campaign_id", Text, ForeignKey("campaigns.campaign_id", ondelete="CASCADE"), primary_key=True,
-        comment="the campaign",
+        "campaign", Integer, ForeignKey("campaigns.campaign", ondelete="CASCADE"), primary_key=True,
+        autoincrement=False, comment="the campaign: its number in `campaigns`",
     )
 
 
@@ -97,7 +102,9 @@ specimens = Table(
 
 campaigns = Table(
     "campaigns", RESULTS,
-    _text("campaign_id", "UUID of the campaign; the same for a copied or renamed run directory", key=True),
+    Column("campaign", Integer, primary_key=True, comment="number of the campaign in this database only"),
+    Column("campaign_id", Text, nullable=False, unique=True,
+           comment="UUID of the campaign, in every database; the same for a copied or renamed run directory"),
     _text("run", "name of the run directory"),
     Column("station", Text, ForeignKey("stations.station"), comment="station; NULL for imported tests"),
     Column("specimen", Text, ForeignKey("specimens.specimen"), comment="serial number; NULL if not stated"),
@@ -163,12 +170,14 @@ characteristics = Table(
     _text("quantity", "name of the quantity, such as `rebound_force`", key=True),
     _text("subject", "`specimen` (property of the damper) or `bench` (state of the rig and its sensors)"),
     *_motion(),
+    _text("point_verdict", "verdict of the point"),
+    _count("repeat", "number of the repeat of the point, from 1"),
     _number("value", "value in `unit`"),
     _text("unit", "SI unit"),
     _number("standard_uncertainty", "combined standard uncertainty, as far as it is known; in `unit`"),
     _number("repeatability_uncertainty", "part of it from the variation between cycles; in `unit`"),
     _number("calibration_uncertainty", "part of it from the calibration certificates; in `unit`; NULL if not stated"),
-    Index("characteristics_by_quantity", "quantity", "motion", "current_a"),
+    Index("characteristics_by_quantity", "quantity", "motion", "current_a", "value"),
     sqlite_with_rowid=False,
     comment="measured values without a damper model, one row for each value",
 )  # fmt: skip
@@ -274,29 +283,28 @@ VIEWS = {
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, c.bench_verdict, c.specimen_verdict,
             c.valid_points, c.recorded_points, c.planned_points, f.model, f.nrmse_percent, f.adequate, c.simulated,
             c.imported, c.run, c.campaign_id
-        FROM campaigns c LEFT JOIN fits f ON f.campaign_id = c.campaign_id""",
+        FROM campaigns c LEFT JOIN fits f ON f.campaign = c.campaign""",
     "results": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, x.quantity, x.subject, x.motion, x.current_a,
             x.value, x.unit, x.standard_uncertainty, x.repeatability_uncertainty, x.calibration_uncertainty,
-            p.repeat, p.verdict AS point_verdict, c.specimen_verdict, x.waveform, x.amplitude_m, x.frequency_hz,
-            p.recorded, x.point, c.run, c.campaign_id
-        FROM characteristics x JOIN campaigns c ON c.campaign_id = x.campaign_id
-            JOIN points p ON p.campaign_id = x.campaign_id AND p.point = x.point""",
+            x.repeat, x.point_verdict, c.specimen_verdict, x.waveform, x.amplitude_m, x.frequency_hz, x.point, c.run,
+            c.campaign_id
+        FROM characteristics x JOIN campaigns c ON c.campaign = x.campaign""",
     "parameter_list": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, f.model, q.parameter, q.value, q.unit,
             q.standard_uncertainty, q.low, q.high, q.identifiable, q.reason, f.adequate, c.specimen_verdict, c.run,
             c.campaign_id
-        FROM parameters q JOIN campaigns c ON c.campaign_id = q.campaign_id
-            JOIN fits f ON f.campaign_id = q.campaign_id""",
+        FROM parameters q JOIN campaigns c ON c.campaign = q.campaign
+            JOIN fits f ON f.campaign = q.campaign""",
     "acceptance_list": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, v.verdict, v.quantity, v.location, v.value,
             v.expanded_uncertainty, v.low, v.high, v.margin, v.unit, v.reason, c.specimen_verdict, c.run,
             c.campaign_id
-        FROM verdicts v JOIN campaigns c ON c.campaign_id = v.campaign_id
+        FROM verdicts v JOIN campaigns c ON c.campaign = v.campaign
         WHERE v.subject = 'specimen' AND v.item > 0""",
     "calibration_list": """
         SELECT c.started, c.station, k.channel, k.sensor, k.serial_number, k.certificate, k.due, k.overdue,
             k.sensitivity, k.offset_value, k.uncertainty_percent, k.range_value, k.unit, c.run, c.campaign_id
-        FROM calibrations k JOIN campaigns c ON c.campaign_id = k.campaign_id""",
+        FROM calibrations k JOIN campaigns c ON c.campaign = k.campaign""",
 }
 """Views with readable names, for Grafana, Excel and other programs: name -> query, equal in both databases."""

@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+from datetime import datetime
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from result_tables import comparable
 from sqlalchemy import text
 
+from rig.comparison.acceptance import AcceptanceResult, Result, State
+from rig.comparison.specimen import SpecimenResult, SpecimenVerdict, write_specimen
 from rig.errors import FileProblem
 from rig.results.connection import Unreachable
 from rig.results.connection import server as opened
@@ -36,10 +41,7 @@ def table(url: str, name: str) -> list[dict[str, object]]:
 
 
 def all_rows(url: str) -> dict[str, list[dict[str, object]]]:
-    kept = {name: table(url, name) for name in RESULTS.tables}
-    for row in kept["campaigns"]:
-        row.pop("filled")
-    return kept
+    return comparable({name: table(url, name) for name in RESULTS.tables})
 
 
 def test_rows_on_the_server_equal_those_in_the_folder(runs: Path, made: Make, server: str) -> None:
@@ -236,3 +238,50 @@ def test_an_unreachable_server_is_named_when_it_is_read(runs: Path) -> None:
     message = r"results server postgresql://rig@127\.0\.0\.1:1/rig: "
     with pytest.raises(Unreachable, match=message), open_results(runs, "postgresql://rig@127.0.0.1:1/rig"):
         pass
+
+
+DASHBOARD = Path(__file__).parents[3] / "examples" / "grafana" / "damper-tests.json"
+CHOSEN = {
+    "${__from:date:iso}": "2026-01-01T00:00:00.000Z", "${__to:date:iso}": "2027-12-31T00:00:00.000Z",
+    "${quantity}": "rebound_force", "${motion}": "sine 20 mm 1 Hz", "${current}": "0.5", "${parameter}": "Fy",
+}  # fmt: skip
+
+
+def queries_of_the_dashboard() -> dict[str, str]:
+    dashboard = json.loads(DASHBOARD.read_text(encoding="utf-8"))
+    queries = {one["title"]: one["targets"][0]["rawSql"] for one in dashboard["panels"]}
+    queries |= {one["name"]: one["query"] for one in dashboard["templating"]["list"] if one["type"] == "query"}
+    for name, value in CHOSEN.items():
+        queries = {title: query.replace(name, value) for title, query in queries.items()}
+    return queries
+
+
+def test_every_query_of_the_example_dashboard_gives_the_same_rows_in_both_databases(
+    runs: Path, made: Make, server: str
+) -> None:
+    for number in range(3):
+        run = made(f"r{number}", specimen=f"MR-{number}", started=f"2026-11-2{number}T10:00:00.500+00:00")
+        entry = {"value": 5.0, "unit": "N", "standard_error": 0.5, "low": 4.0, "high": 6.0, "identifiable": True}
+        (run / "fit.json").write_text(json.dumps({"model": "bingham", "parameters": {"Fy": entry}}))
+    result = Result("rebound_force", "r1", "sine", ("p001",), 75.7, 1.0, 80.0, None, "N", State.FAILED)
+    accepted = AcceptanceResult("drawing 1", "guarded", (result,))
+    write_specimen(runs / "r1", SpecimenResult("MR-1", SpecimenVerdict.NOT_OK, "rebound force", accepted))
+    delivered(runs, server)
+    answers: dict[str, list[list[tuple[object, ...]]]] = {}
+    for url in (None, server):
+        with open_results(runs, url) as (database, _):
+            for title, query in queries_of_the_dashboard().items():
+                assert "$" not in query
+                with database.transaction(reading=True) as connection:
+                    answers.setdefault(title, []).append([
+                        tuple(map(_comparable, row)) for row in connection.exec_driver_sql(query)
+                    ])  # fmt: skip
+    assert {title: own for title, (own, theirs) in answers.items() if own != theirs} == {}
+    assert [title for title, (own, _) in answers.items() if not own and "Sensitivity" not in title] == []
+
+
+def _comparable(value: object) -> object:
+    """Times as instants, truth values and decimal numbers as numbers: what differs between the drivers."""
+    if isinstance(value, str) and value[10:11] == "T":
+        return datetime.fromisoformat(value)
+    return float(value) if isinstance(value, (bool, int, Decimal)) else value
