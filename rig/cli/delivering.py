@@ -7,6 +7,7 @@ import json
 import os
 import select
 import subprocess
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -61,7 +62,8 @@ class Delivery:
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
-        self._process.poll()
+        if self._process.poll() is None:
+            threading.Thread(target=self._process.wait, daemon=True).start()  # no zombie in a program that goes on
 
     def deliver(self, folder: Path, wait_s: float = WAIT_S) -> dict[str, Any]:
         """Deliver every campaign of a folder of runs that the server does not have.

@@ -68,7 +68,7 @@ class Database:
             raise self._explained(error) from error
 
     def _explained(self, error: DBAPIError) -> RigError:
-        reason = " ".join(without_passwords(str(error.orig)).split())
+        reason = (without_passwords(str(error.orig)).strip() or type(error.orig).__name__).splitlines()[0].strip()
         if self.engine.dialect.name == "sqlite":
             if not isinstance(error, OperationalError):
                 return DamagedDatabase(self.place, [f"damaged ({reason}). Fix: rig results --rebuild"])

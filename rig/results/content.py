@@ -74,7 +74,6 @@ def content_of(folder: Path) -> Content:
     run, remarks = _run_in(folder, campaign)
     campaign_id = campaign_uuid(folder, campaign)
     children: dict[str, list[Row]] = {}
-    found_fit = None
     if run is not None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the points' remarks are in their own rows
@@ -83,12 +82,12 @@ def content_of(folder: Path) -> Content:
         children["points"] = [_point(point, made) for point in run.points]
         children["characteristics"] = rows
         children["calibrations"] = list(_calibrations(run))
-        try:
-            found_fit = fit_in(folder)
-        except FileProblem as error:
-            remarks.append(f"{Path(error.file).name}: {error.problems[0]}")
-    if found_fit is not None:
-        children["fits"], children["parameters"] = [_fit(found_fit)], list(_parameters(found_fit))
+    try:
+        fit = fit_in(folder)
+    except FileProblem as error:
+        remarks.append(f"{Path(error.file).name}: {error.problems[0]}")
+    else:
+        children |= {} if fit is None else {"fits": [_fit(fit)], "parameters": list(_parameters(fit))}
     bench_verdict = _worst(run)
     children["verdicts"] = [_bench_verdict(bench_verdict, run, campaign), *_specimen_verdicts(folder, remarks)]
     specimen_verdict = next((row["verdict"] for row in children["verdicts"] if row["subject"] == SPECIMEN), NOT_TESTED)

@@ -17,7 +17,7 @@ HEAD = f"""# Results database
 
 The results of all runs in a folder are stored in one SQLite file in that folder, `.rig-runs.sqlite`, and can be
 delivered to a PostgreSQL server that collects the results of several stations. The tables are equal in both
-databases.
+databases. See [Keep results in a database](how-to/keep-results-in-a-database.md).
 
 Schema version {VERSION}. This page is generated from the tables (`python -m rig.results.documentation`) and checked
 by a test.
