@@ -70,7 +70,7 @@ def contents(count: int) -> Iterator[Content]:
             })  # fmt: skip
             children["characteristics"] += [{
                 "point": f"p{point:03d}", "quantity": name, "subject": QUANTITIES[name].subject, **motion,
-                "point_verdict": "valid", "repeat": 1, "value": 1000.0 + draw.gauss(0.0, 10.0),
+                "recorded": started, "point_verdict": "valid", "repeat": 1, "value": 1000.0 + draw.gauss(0.0, 10.0),
                 "unit": QUANTITIES[name].unit, "standard_uncertainty": 2.0, "repeatability_uncertainty": 1.0,
                 "calibration_uncertainty": 1.7,
             } for name in NAMES]  # fmt: skip

@@ -300,7 +300,8 @@ def _value(point: RecordedPoint, name: str, measured: Measured, motion: Row) -> 
     calibration = abs(measured.value) * percent / 100.0
     known = [part for part in (measured.std, calibration) if math.isfinite(part)]
     return {
-        "point": point.id, "quantity": name, "subject": about.subject, **motion, "point_verdict": point.verdict,
+        "point": point.id, "quantity": name, "subject": about.subject, **motion,
+        "recorded": _time(point.provenance.get("started_utc")), "point_verdict": point.verdict,
         "repeat": int(point.repeat), "value": measured.value,
         "unit": about.unit, "standard_uncertainty": math.hypot(*known) if math.isfinite(measured.std) else None,
         "repeatability_uncertainty": measured.std, "calibration_uncertainty": calibration,

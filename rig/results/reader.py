@@ -34,6 +34,7 @@ class ResultRow(NamedTuple):
         operator: person who performed the test; empty if not stated.
         matrix: name of the matrix file.
         started: start of the campaign, UTC; None if unknown.
+        recorded: start of the recording of the point, UTC; None if unknown.
         point: name of the point; empty for a parameter of a fit.
         repeat: number of the repeat of the point, from 1.
         quantity: name as in `rig.results.quantities`, or the name of a parameter.
@@ -57,6 +58,7 @@ class ResultRow(NamedTuple):
     operator: str
     matrix: str
     started: datetime | None
+    recorded: datetime | None
     point: str
     repeat: int
     quantity: str
@@ -163,8 +165,8 @@ def _or_empty(column: ColumnElement[str]) -> ColumnElement[str]:
 def _characteristics(wanted: ResultFilter) -> Select[Any]:
     c, x = campaigns.c, characteristics.c
     query = select(
-        c.campaign_id, c.run, _or_empty(c.specimen), _or_empty(c.station), c.operator, c.matrix, c.started, x.point,
-        x.repeat, x.quantity, x.subject, x.motion, x.amplitude_m, x.frequency_hz, x.current_a, x.value, x.unit,
+        c.campaign_id, c.run, _or_empty(c.specimen), _or_empty(c.station), c.operator, c.matrix, c.started, x.recorded,
+        x.point, x.repeat, x.quantity, x.subject, x.motion, x.amplitude_m, x.frequency_hz, x.current_a, x.value, x.unit,
         x.standard_uncertainty, x.repeatability_uncertainty, x.calibration_uncertainty, x.point_verdict,
         c.specimen_verdict, c.simulated,
     ).select_from(characteristics.join(campaigns, c.campaign == x.campaign))  # fmt: skip
@@ -183,7 +185,7 @@ def _parameters(wanted: ResultFilter) -> Select[Any] | None:
     verdict = case((f.adequate.is_(False), "suspect"), else_="valid")
     query = select(
         c.campaign_id, c.run, _or_empty(c.specimen), _or_empty(c.station), c.operator, c.matrix, c.started,
-        literal("").label("point"), literal(1).label("repeat"), q.parameter,
+        null().label("recorded"), literal("").label("point"), literal(1).label("repeat"), q.parameter,
         literal(SPECIMEN).label("subject"), (literal("fit ") + f.model).label("motion"), null().label("amplitude_m"),
         null().label("frequency_hz"), null().label("current_a"), q.value, q.unit, q.standard_uncertainty,
         q.standard_uncertainty.label("repeatability_uncertainty"), null().label("calibration_uncertainty"),

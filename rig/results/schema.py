@@ -170,6 +170,7 @@ characteristics = Table(
     _text("quantity", "name of the quantity, such as `rebound_force`", key=True),
     _text("subject", "`specimen` (property of the damper) or `bench` (state of the rig and its sensors)"),
     *_motion(),
+    Column("recorded", Utc, nullable=True, comment="start of the recording of the point"),
     _text("point_verdict", "verdict of the point"),
     _count("repeat", "number of the repeat of the point, from 1"),
     _number("value", "value in `unit`"),
@@ -287,8 +288,8 @@ VIEWS = {
     "results": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, x.quantity, x.subject, x.motion, x.current_a,
             x.value, x.unit, x.standard_uncertainty, x.repeatability_uncertainty, x.calibration_uncertainty,
-            x.repeat, x.point_verdict, c.specimen_verdict, x.waveform, x.amplitude_m, x.frequency_hz, x.point, c.run,
-            c.campaign_id
+            x.repeat, x.point_verdict, c.specimen_verdict, x.waveform, x.amplitude_m, x.frequency_hz, x.recorded,
+            x.point, c.run, c.campaign_id
         FROM characteristics x JOIN campaigns c ON c.campaign = x.campaign""",
     "parameter_list": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, f.model, q.parameter, q.value, q.unit,
