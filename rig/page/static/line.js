@@ -9,7 +9,8 @@ function line_note(text) { line.note = text; write("line-note", text); }
 function line_open(on) {
   line.on = on; line.serial = ""; line_note("");
   document.body.classList.toggle("line-view", on); by_id("line").hidden = !on;
-  if (on) { sessionStorage.setItem("rig-line", plan.matrix); by_id("scan").focus(); } else sessionStorage.removeItem("rig-line");
+  if (on && plan) sessionStorage.setItem("rig-line", plan.matrix); else sessionStorage.removeItem("rig-line");
+  if (on) by_id("scan").focus();
   line_show();
 }
 function looks_like_serial(text) { // of this line, for texts in other fields
@@ -56,6 +57,7 @@ function line_stopped() { const last = runs[0]; return Boolean(last) && (["stopp
 function line_show() {
   by_id("line-open").hidden = !(plan && plan.line); by_id("line-open").disabled = !(plan && plan.line && plan.feasible);
   if (!line.on) return;
+  by_id("line-form").hidden = standing.role === "viewer"; // a large screen for everybody
   const [kind, verdict, specimen, reason] = line_state();
   if (by_id("line-result").className !== kind) by_id("line-result").className = kind;
   write("line-verdict", verdict); write("line-specimen", specimen); write("line-reason", reason);
@@ -74,8 +76,12 @@ function line_history(message) {
 }
 
 by_id("line-form").onsubmit = (event) => { event.preventDefault(); line_scan(by_id("scan").value.trim()); };
+by_id("scan").onkeydown = (event) => { // some readers end a code with Tab
+  if (event.key === "Tab" && by_id("scan").value.trim()) { event.preventDefault(); line_scan(by_id("scan").value.trim()); }
+};
 by_id("line-retest").onclick = () => { const serial = line.retest; line_scan(serial, { retest: true }); by_id("scan").focus(); };
 by_id("line-continue").onclick = () => { line.after = runs[0] ? runs[0].name : ""; line_note("The cause of the stop is confirmed as eliminated. Scan the next serial number."); by_id("line-continue").hidden = true; by_id("scan").focus(); };
+if (new URLSearchParams(location.search).has("production")) addEventListener("load", () => line_open(true)); // an address for large screens
 by_id("line-open").onclick = () => line_open(true);
 by_id("line-leave").onclick = () => line_open(false);
 // A reader in keyboard mode types wherever the focus is: its text goes into the serial number, and its Enter presses no button.
