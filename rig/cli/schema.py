@@ -50,6 +50,13 @@ def _bands() -> dict[str, Any]:
     return Bands.model_json_schema(by_alias=True)
 
 
+def _specimens() -> dict[str, Any]:
+    # loads pydantic: not needed for the help
+    from rig.files.specimens import SpecimensFile
+
+    return SpecimensFile.model_json_schema(by_alias=True)
+
+
 def _register_map() -> dict[str, Any]:
     # loads pydantic: not needed for the help
     from rig.files.register_map import RegisterMapFile
@@ -90,6 +97,7 @@ def _either(*models: type[BaseModel]) -> dict[str, Any]:
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
     "sensor-format": _sensor_format, "supply": _supply, "car": _car, "road": _road, "bands": _bands,
+    "specimens": _specimens,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 
