@@ -75,6 +75,8 @@ class CampaignFolder:
     acceptance = _Inside("acceptance.json")
     """Verdict on the specimen, if the matrix has acceptance bands."""
     report = _Inside("report.html")
+    endurance = _Inside("endurance.json")
+    """Count and wear of the endurance tests; made from the points' files at any time."""
     hybrid = _Inside("hybrid.json")
     reanalysed = _Inside("reanalysed")
     """Folder of the results that later versions made of this run (`rig.reanalysis`); each of them is a run."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from rig.display import SI, Display
@@ -11,6 +11,7 @@ from rig.signals.waveform import Waveform, waveform_named
 
 LOOP, FRICTION, CURRENT_STEP, HYBRID, SIGNAL = "loop", "friction", "current_step", "hybrid", "signal"
 RESPONSE = "response"
+ENDURANCE = "endurance"
 """The kinds of test points."""
 PASSIVE = "passive"
 """The law of a hybrid test at constant current."""
@@ -29,6 +30,29 @@ class Forecast(NamedTuple):
     energy_J: float
 
 
+class EnduranceStep(NamedTuple):
+    """The position of a point in an endurance test: of a block of its cycles, or of a performance point between blocks.
+
+    Attributes:
+        test: id of the endurance test.
+        cycles_before: cycles of the test planned before this point; of a resumed block, and after a stop rule, those
+            that were run.
+        total: cycles of the whole test.
+        block: number of the block, from 1; 0 of a performance point.
+        block_cycles: cycles of the whole block; a resumed block has fewer `cycles` left.
+        keep_every: full samples are kept of every so many cycles of the test; 0 of a performance point.
+        unseen_cycles: cycles that can run at most after the recording of a block was cut off.
+    """
+
+    test: str
+    cycles_before: int
+    total: int
+    block: int = 0
+    block_cycles: int = 0
+    keep_every: int = 0
+    unseen_cycles: int = 0
+
+
 @dataclass(frozen=True)
 class TestPoint:
     """A waveform about a centre at a constant or stepped coil current, or current steps while the rod is at rest.
@@ -45,7 +69,8 @@ class TestPoint:
         repeat: counts from 1.
         rest_s: rest before the point.
         kind: `loop`, `friction` (a slow triangle at 0 A, for gas force and friction), `current_step`, `hybrid`,
-            `signal` or `response` (a triangle during which the current is stepped).
+            `signal`, `response` (a triangle during which the current is stepped) or `endurance` (a block of an
+            endurance test).
         steps_A: of stepped currents the currents in turn; of a current that a law commands the first one.
         steps_s: of a current program, which runs during a motion, when each of `steps_A` is commanded (s since the
             start of the motion, ramp included; 0 first); each current is held until the next. Empty at any other point.
@@ -53,6 +78,7 @@ class TestPoint:
         record: the motion of a signal; a recorded point keeps only its facts, without samples.
         target: what the rod is to follow where `record` is the iterated command for it; not recorded.
         forecast: peaks of a hybrid test; not recorded.
+        endurance: position in an endurance test; None of a point outside one, and of the points before its first cycle.
         by_speed: whether the matrix states a speed at this amplitude, so that the frequency follows; not recorded.
         compensator: leads the set-points of a hybrid test; not recorded.
     """
@@ -78,6 +104,7 @@ class TestPoint:
     target: Record | None = None
     forecast: Forecast | None = None
     compensator: str = ""
+    endurance: EnduranceStep | None = None
     by_speed: bool = field(default=False, compare=False)
 
     @property
@@ -102,12 +129,23 @@ class TestPoint:
     @property
     def cyclic(self) -> bool:
         """Whether the motion repeats itself, so that its cycles can be counted and compared."""
-        return self.kind not in {CURRENT_STEP, HYBRID, SIGNAL}
+        return self.kind not in {CURRENT_STEP, HYBRID, SIGNAL} and not self.repeats_record
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the commanded amplitude is compensated where the matrix asks for that."""
+        motion = self.kind == LOOP or (self.kind == ENDURANCE and self.cyclic)
+        return motion and not self.current_programmed
 
     @property
     def has_frequency(self) -> bool:
         """Whether `frequency_Hz` is a frequency that people know the point by."""
-        return self.kind not in {SIGNAL, HYBRID}
+        return self.kind not in {SIGNAL, HYBRID} and not self.repeats_record
+
+    @property
+    def repeats_record(self) -> bool:
+        """Whether this is a block of an endurance test whose cycle is a record."""
+        return self.kind == ENDURANCE and self.record is not None
 
     @property
     def current_by_law(self) -> bool:
@@ -118,6 +156,16 @@ class TestPoint:
     def current_programmed(self) -> bool:
         """Whether the station steps the current during the motion."""
         return bool(self.steps_s)
+
+    @property
+    def after_cycles(self) -> bool:
+        """Whether this point shows the specimen after cycles of an endurance test."""
+        return self.endurance is not None
+
+    @property
+    def without_name(self) -> TestPoint:
+        """The same motion without id, repeat and position in an endurance test: equal for points that run alike."""
+        return replace(self, id="", repeat=1, endurance=None)
 
     @property
     def first_current_A(self) -> float:

@@ -136,6 +136,10 @@ class ControllerOptions:
 class DamperOptions:
     """The specimen's force model; the parameters come from a named set and may be replaced one by one.
 
+    The specimen wears with the distance that its rod travels, if asked to: the model's force falls by
+    `force_loss_per_km` of its first value, seal friction grows by `friction_gain_N_per_km`, gas force falls by
+    `gas_loss_N_per_km`; `travelled_km` is where it begins.
+
     Two thermal nodes: the body is heated by `F v` and loses `heat_loss_W_K` to ambient, the coil is heated by `I^2 R`
     and loses `coil_to_body_W_K` to the body. Force depends on the body's temperature; the ECU sees the coil's.
     """
@@ -149,6 +153,10 @@ class DamperOptions:
     seal_speed_m_s: Positive = 0.002
     mount_stiffness_N_m: float = 0.0
     free_play_m: float = 0.0
+    force_loss_per_km: NotNegative = 0.0
+    friction_gain_N_per_km: NotNegative = 0.0
+    gas_loss_N_per_km: NotNegative = 0.0
+    travelled_km: NotNegative = 0.0
     force_change_per_K: float = 0.0
     heat_capacity_J_K: Positive = 1500.0
     heat_loss_W_K: float = 5.0

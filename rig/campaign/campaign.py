@@ -14,6 +14,7 @@ from drivers.roles import State as ControllerState
 from rig.bench.model import Bench
 from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, confirm_all, open_stops, resume_class
+from rig.campaign.endurance import EnduranceBook
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
 from rig.campaign.file_copies import keep_bench
@@ -89,9 +90,9 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         folder = log.path.parent
         if live is not None:
             ends.enter_context(live.following(log))
-        stock = _stock(folder, options, matrix, log, shown)
+        stock, endurance = _stock(folder, options, matrix, log, shown)
         if not stock.remaining:
-            return _nothing_left(folder, matrix, stock)
+            return _nothing_left(folder, matrix, stock, endurance)
         signals.check()
         finaliser = Finaliser.start(folder)
         ends.callback(_or_say, shown, finaliser.close)
@@ -100,7 +101,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, shown, signals.check))
         with options.files:
             bench = Bench.load(rig.bench_path)
-        start = _Start(folder, matrix, bench, accepted(matrix, bench, folder), options, stock)
+        start = _Start(folder, matrix, bench, accepted(matrix, bench, folder), options, stock, endurance)
         _describe(start, rig.bench_path)
         options.files.forget()
         _show_start(start, log, shown)
@@ -145,20 +146,22 @@ def _show_start(start: _Start, log: CampaignLog, display: Display) -> None:
 
 def _stock(
     folder: Path, options: CampaignOptions, matrix: Matrix, log: CampaignLog, display: Display
-) -> Stock:
+) -> tuple[Stock, EnduranceBook]:
     """What is there and what remains: all of a new campaign; what is not valid yet of an earlier one.
 
     Raises:
         Refused: the matrix is not the earlier campaign's, or a stop of an earlier session demands a requalification.
     """
     if options.resume_path is None:
-        return Stock(matrix.points())
+        return Stock(matrix.points()), EnduranceBook(folder, matrix)
     resume.same_matrix(folder, matrix)
     stops = open_stops(folder)
     confirm_all(stops, options.confirmed)
     confirm(stops, options.requalified)
     display.phase("checking the previous session")
     stock = replace(resume.take_stock(folder, matrix.points()), confirmed=stops)
+    endurance = EnduranceBook(folder, matrix, resume.attempts_begun(folder) if matrix.endurance else {})
+    stock = resume.with_blocks_counted(stock, matrix.points(), endurance)
     confirmed = [stop.to_json() for stop in stops]
     if options.requalified:
         log.write("requalified", text=options.requalified, after=[stop.slug for stop in stops])
@@ -173,16 +176,19 @@ def _stock(
         text = say("without-options", names=", ".join(names))
         log.write("info", text=text)
         display.message("info", text)
-    for problem in stock.problems:
+    for problem in (*stock.problems, *endurance.problems):
         log.write("warning", text=problem)
         display.message("warning", problem)
     display.message("info", say("resuming", kept=len(stock.results), left=len(stock.remaining)))
-    return stock
+    endurance.save()
+    return stock, endurance
 
 
-def _nothing_left(folder: Path, matrix: Matrix, stock: Stock) -> CampaignResult:
-    result = stock.books(matrix.points()).session(folder)
-    return replace(result, confirmed=tuple(stop.to_json() for stop in stock.confirmed))
+def _nothing_left(folder: Path, matrix: Matrix, stock: Stock, endurance: EnduranceBook) -> CampaignResult:
+    books = stock.books(matrix.points())
+    books.withdraw(endurance.withdrawn)
+    confirmed = tuple(stop.to_json() for stop in stock.confirmed)
+    return replace(books.session(folder), confirmed=confirmed, endurance=tuple(endurance.to_json()))
 
 
 def _describe(start: _Start, bench_path: Path) -> None:
@@ -214,6 +220,7 @@ class _Start:
     plan: Plan
     options: CampaignOptions
     stock: Stock
+    endurance: EnduranceBook
 
 
 def _or_say(display: Display, what: Callable[[], None]) -> None:
@@ -260,8 +267,10 @@ def _run(
             simulated=start.options.simulate,
             stock=start.stock,
             results=start.stock.books(points),
+            endurance=start.endurance,
             hand=manual_current_of(start.bench, attended=start.options.attended, live=_paged(live)),
         )
+        campaign.results.withdraw(start.endurance.withdrawn)
         try:
             runner = Runner(campaign, signals, finaliser, baseline)
             runner.run()
@@ -294,6 +303,7 @@ def _result_of(runner: Runner, campaign: CampaignContext) -> CampaignResult:
     cause = state.refused or (None if state.latch is None else state.latch.cause)
     return replace(
         campaign.results.session(campaign.folder),
+        endurance=tuple(campaign.endurance.to_json()),
         rig_state=RigState.UNKNOWN if left is not None or not_proved else state.rig_state,
         stopped_by=None if cause is None else cause.slug,
         detail="" if cause is None else cause.detail,

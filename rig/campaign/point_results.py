@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -122,6 +122,10 @@ class PointResults:
                 warn(f"{file.name}: the zero drift could not be written to the file: {error}")
                 continue
             self.corrected(file, finished_point.verdict, finished_point.reasons, finished_point.quality)
+
+    def withdraw(self, ids: Collection[str]) -> None:
+        """Leave out points that are not to be run any more."""
+        self.points = tuple(point for point in self.points if point.id not in set(ids))
 
     def given_up(self, point: TestPoint, cause: StopCause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""

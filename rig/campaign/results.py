@@ -279,6 +279,7 @@ class CampaignResult:
         findings: what the session as a whole showed about its instruments.
         stop: how it was stopped; None when it ran to its end or was refused.
         confirmed: stops of earlier sessions whose repair the operator confirmed by resuming.
+        endurance: the endurance tests in numbers (`EnduranceBook.to_json`).
         setpoints: how late the set-points were that were streamed to the actuator; None where it has a generator.
     """
 
@@ -298,6 +299,7 @@ class CampaignResult:
     stop: StopReport | None = None
     confirmed: tuple[Mapping[str, str], ...] = ()
     setpoints: Mapping[str, float] | None = None
+    endurance: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -327,6 +329,7 @@ class CampaignResult:
             "stop": None if self.stop is None else self.stop.to_json(),
             "confirmed": [dict(stop) for stop in self.confirmed],
             "setpoints": None if self.setpoints is None else dict(self.setpoints),
+            "endurance": [dict(test) for test in self.endurance],
         }
 
 

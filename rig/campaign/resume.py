@@ -7,12 +7,14 @@ every check of the preflight is repeated. Valid points are kept, all others are 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
+from rig.campaign.endurance import EnduranceBook
 from rig.campaign.file_copies import kept_hashes
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
@@ -22,10 +24,11 @@ from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.recording.conversion.recovery import recover_held
 from rig.recording.hdf5.reading import check_values
+from rig.recording.journal.campaign_log import read_log
 from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.quality.point_quality import LoopQuality
 from rig.recording.recorded_point import RecordedPoint
-from rig.test_point import TestPoint
+from rig.test_point import ENDURANCE, TestPoint
 
 SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
@@ -231,6 +234,33 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         attempts=attempts,
         problems=tuple(problems),
         temperatures_degC=tuple(temperatures_degC),
+    )
+
+
+def attempts_begun(folder: Path) -> dict[str, int]:
+    """How often each point was begun in all sessions, by the campaign's journal; empty where there is none.
+
+    Raises:
+        FileProblem: the journal cannot be read.
+    """
+    if not CampaignFolder(folder).journal.is_file():
+        return {}
+    return Counter(str(event.get("point")) for event in read_log(folder) if event["event"] == "point")
+
+
+def with_blocks_counted(stock: Stock, points: tuple[TestPoint, ...], endurance: EnduranceBook) -> Stock:
+    """What remains once the cycles of endurance tests are counted: a block is done when its cycles were run."""
+    if not endurance:
+        return stock
+    to_run = {point.id for point in stock.remaining}
+    remaining = endurance.remaining(point for point in points if point.kind == ENDURANCE or point.id in to_run)
+    left = {point.id for point in remaining}
+    recorded = (*stock.results, *stock.invalid)
+    blocks = {point.id for point in points if point.kind == ENDURANCE}
+    kept = tuple(r for r in recorded if r.id not in left and (r.id in blocks or r in stock.results))
+    return replace(
+        stock, remaining=remaining, results=kept,
+        invalid=tuple(result for result in recorded if result.id in left),
     )
 
 

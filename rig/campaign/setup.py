@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.catalogue import clocked_format_names
+from drivers.ring import RECORD_SIZE
 from rig import __version__
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop, resume_command
@@ -33,10 +34,10 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, Stopped
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan, plan
+from rig.matrix.storage import COPIES_ON_DISK, records_Hz
 from rig.recording.atomic_write import inner_folder, write_text_durably
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
-from rig.recording.ring_records import RECORD_DTYPE
 from rig.recording.run import REANALYSIS, read_campaign
 from rig.test_point import LOOP
 from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
@@ -44,10 +45,6 @@ from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
 ZERO_CHECKS = "zero_checks"
 """Entry of `campaign.json`: one for each session."""
 RESERVE_BYTES = 200_000_000
-COPIES_ON_DISK = 2.5
-"""Journal, HDF5 file being written beside it, and margin."""
-STATUS_RECORDS_Hz = 1500.0
-"""Records of the controller's and the ECU's status a second, above the sensors' samples."""
 
 
 @contextmanager
@@ -195,10 +192,8 @@ def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
     Raises:
         Refused: less free space than forecast (slug `disk-full`); both numbers are in the message.
     """
-    sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    rate_Hz = sum(sensor.rate_Hz for sensor in sensors) + STATUS_RECORDS_Hz
-    records = (plan.recorded_s + _corrections_s(plan, matrix)) * rate_Hz
-    needed = int(records * RECORD_DTYPE.itemsize * COPIES_ON_DISK) + RESERVE_BYTES
+    corrections = COPIES_ON_DISK * _corrections_s(plan, matrix) * records_Hz(bench) * RECORD_SIZE
+    needed = plan.storage.total + int(corrections) + RESERVE_BYTES
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise Refused(

@@ -90,6 +90,7 @@ MESSAGES = {
     "warming": "warming up from {from_degC:.1f} degC: {planned_s:.0f} s of motion",
     "cooling": "{point}: cooling down from {from_degC:.1f} to {to_degC:.1f} degC, about {planned_s:.0f} s on the rig's "
     "clock",
+    "endurance-ended": "endurance test {test} ends after {cycles} cycles: the stop rule {rule} was reached",
     # Compensation of the amplitude
     "cannot-reach": "{reached_mm:.4g} mm of {wanted_mm:.4g} mm reached ({off:+.1f} %), centre off by {aside_mm:+.3f} "
     "mm, with a command of {command_mm:.4g} mm: {why}",

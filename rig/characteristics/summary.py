@@ -135,6 +135,8 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
     friction: list[FrictionTest] = []
     left_out, remarks = [*run.unreadable], []
     for point in run.points:
+        if point.after_cycles:
+            continue  # the report's section on endurance compares these
         if point.verdict == "invalid":
             left_out.append(f"{point.id}: invalid")
             continue

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rig.campaign_folder import LOGS
 from rig.cli.junit import junit_option, junit_report, take_plan
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, write_json
@@ -25,10 +26,10 @@ def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
 
     Raises:
         FileProblem: a file cannot be used, or what is to be identified cannot be.
-        Refused: the bench does not meet a requirement of the matrix.
+        Refused: the bench does not meet a requirement of the matrix, or the disk is too small for an endurance test.
     """
     # loads numpy and pyserial: not needed for the help
-    from rig.campaign.setup import check_requirements
+    from rig.campaign.setup import check_requirements, check_room
     from rig.cli.analysis_check import check_analysis, check_specimen
     from rig.matrix.model import load_files
     from rig.matrix.plan import plan
@@ -39,6 +40,8 @@ def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
     check_requirements(loaded, tests)
     overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
     result = plan(tests, loaded)
+    if tests.endurance:
+        check_room(LOGS if LOGS.is_dir() else Path(), result, loaded, tests)
     return replace(result, warnings=(*result.warnings, *overdue)), tests, loaded
 
 

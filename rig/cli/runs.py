@@ -117,7 +117,8 @@ def _outcome(run: dict[str, Any]) -> str:
 
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
-    from rig.recording.run import Run, read_campaign
+    from rig.recording.endurance import withdrawn_points  # loads numpy
+    from rig.recording.run import Run, read_campaign  # the same
 
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
@@ -130,7 +131,8 @@ def _summary(place: Path) -> dict[str, Any]:
         summary["specimen"] = str(campaign.get("specimen", ""))
         summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
         planned = campaign.get("points")
-        summary["planned"] = len(planned) if isinstance(planned, list) else 0
+        names = {name for name in planned if isinstance(name, str)} if isinstance(planned, list) else set()
+        summary["planned"] = len(names - withdrawn_points(place))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # it is the remark
             run = Run.open(place)

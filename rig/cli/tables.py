@@ -94,6 +94,7 @@ def verdict_blocks(plan: Plan) -> Blocks:
         stated += ", warm-up outside limits"
     heat = "" if plan.energy_J is None else f"; {energy(plan.energy_J)} of heat"
     return [
+        *map(Paragraph, _endurance(plan)),
         Paragraph(f"{plan.specimen} on {plan.bench_name}; {_rig_time(plan)}{heat}; force {plan.prediction}"),
         Note(GOOD if plan.feasible else POOR, stated),
     ]
@@ -131,6 +132,26 @@ def _spans(ids: Sequence[str], order: Sequence[str]) -> str:
         for span in spans
     ]
     return ", ".join(words[:MOST_SPANS]) + (", ..." if len(words) > MOST_SPANS else "")
+
+
+def _endurance(plan: Plan) -> Iterator[str]:
+    """Each endurance test in one line, and the disk space that they need."""
+    # loads numpy: not needed for the help
+    from rig.matrix.plan import endurance_json
+
+    tests = endurance_json(item.point for item in plan.points)
+    for test in tests:
+        yield (
+            f"endurance test {test['id']}: {test['cycles']:,} cycles in {test['blocks']:,} blocks of at most "
+            f"{test['cycles_per_block']:,} cycles, {test['performance_points']:,} performance points in between and at "
+            f"the end; {duration(test['motion_s'])} of motion"
+        )
+    if tests:
+        working, blocks = plan.storage.working / 1e6, plan.storage.blocks / 1e6
+        yield (
+            f"disk space: about {plan.storage.total / 1e6:,.0f} MB, of which {blocks:,.0f} MB for the blocks and "
+            f"{working:,.0f} MB for the journal of the running block"
+        )
 
 
 def _rig_time(plan: Plan) -> str:

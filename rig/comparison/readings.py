@@ -13,6 +13,7 @@ from rig.characteristics.loop import LoopCharacteristics, Measured, over_repeats
 from rig.display import SI, Display, Shown
 from rig.fits.entries import Estimate
 from rig.fits.fit_record import fit_in
+from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import REANALYSIS, Run
@@ -291,7 +292,7 @@ def _motion_of(point: RecordedPoint) -> Motion:
 
 def _not_recorded(run: Run) -> tuple[str, ...]:
     """Points of the campaign that it ended before."""
-    planned, recorded = run.campaign.get("points"), {point.id for point in run.points}
+    planned, recorded = run.campaign.get("points"), {point.id for point in run.points} | withdrawn_points(run.path)
     names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
     return tuple(name for name in names if name not in recorded)
 

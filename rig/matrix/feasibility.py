@@ -18,6 +18,7 @@ from rig.files.display_table import display_of
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.stopping import stop_fits, stopping_reach, within
+from rig.matrix.storage import LARGEST_BLOCK_BYTES, journal_bytes, most_in_a_block
 from rig.matrix.streaming import peaks, some
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
@@ -52,7 +53,7 @@ class Reason:
     """Why a point cannot be run.
 
     `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `stopping-distance`, `force`, `heat`, `current`,
-    `specimen-current`, `current-settling`, `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`;
+    `specimen-current`, `current-settling`, `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`, `block`;
     `text` has the numbers; `excess` grows with how far it is beyond its limit, among points
     with the same slug; 0 where that cannot be ordered.
     """
@@ -91,7 +92,18 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
             f"{100 * FORCE_HEADROOM:g} % headroom", force_N / limits.force_N,
         )
     yield from _independent_of_amplitude(point, matrix, bench)
+    yield from _of_block(point, bench)
 
+
+def _of_block(point: TestPoint, bench: Bench) -> Iterator[Reason]:
+    """Whether the journal of a block of an endurance test is too large."""
+    most = most_in_a_block(point, bench)
+    if most is not None:
+        text = (
+            f"a block of {point.cycles:g} cycles would record {journal_bytes(point.motion_s, bench) / 1e6:.0f} MB; "
+            f"allowed: at most {LARGEST_BLOCK_BYTES / 1e6:.0f} MB. Fix: block = {most}"
+        )
+        yield Reason("block", text, point.cycles / most)
 
 def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Travel limits that the motion exceeds; if it keeps them, those that a halt at some instant would exceed."""

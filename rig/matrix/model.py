@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import random
@@ -25,6 +26,7 @@ from rig.files.loader import WrongKind, load_section
 from rig.files.section import Section
 from rig.matrix import named_files
 from rig.matrix.acceptance_table import AcceptanceTable
+from rig.matrix.endurance_table import Endurance
 from rig.matrix.forecast import forecaster
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.line_table import LineTable
@@ -59,6 +61,7 @@ class Matrix(Section):
     friction: Friction | None = None
     current_step: tuple[CurrentStep, ...] = ()
     hybrid: HybridTable | None = None
+    endurance: tuple[Endurance, ...] = ()
     temperature: Temperature | None = None
     acceptance: AcceptanceTable | None = None
     line: LineTable | None = None
@@ -72,12 +75,24 @@ class Matrix(Section):
 
         Identifiers count in written order, so that a point keeps its name whatever the order. As written: waveform
         varies slowest, then current, amplitude, frequency, of a signal its records; the extra points follow; repeats
-        come round after that.
+        come round after that. Endurance tests follow, each with its blocks in order and these points between them.
         """
         return self._ordered
 
+    @property
+    def endurance_tests(self) -> dict[str, Endurance]:
+        """The endurance tests by their ids, in order."""
+        return {test.id or f"e{number}": test for number, test in enumerate(self.endurance, start=1)}
+
     @cached_property
     def _ordered(self) -> tuple[TestPoint, ...]:
+        performance = self._performance()
+        centre_m = self.specimen.mid_stroke_m
+        cycles = (test.points(name, performance, centre_m) for name, test in self.endurance_tests.items())
+        return (*performance, *itertools.chain.from_iterable(cycles))
+
+    def _performance(self) -> tuple[TestPoint, ...]:
+        """Every point in order, endurance tests apart."""
         written = self._written()
         if self.sweep.order == "random":
             random.Random(self.sweep.seed).shuffle(written)
@@ -104,8 +119,9 @@ class Matrix(Section):
 
     @property
     def wants_fit(self) -> bool:
-        """A model is to be identified; not from hybrid tests alone, whose damper is assumed."""
-        tests_only = self.hybrid is not None and all(point.kind not in {LOOP, SIGNAL} for point in self.points())
+        """A model is to be identified; not from hybrid or endurance tests alone."""
+        special = self.hybrid is not None or self.endurance
+        tests_only = special and all(point.kind not in {LOOP, SIGNAL} for point in self.points())
         return self.identify.enabled and not tests_only
 
     @property
@@ -133,6 +149,7 @@ class Matrix(Section):
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
         apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "line": True, "sweep": unused}
         apart |= {"acceptance": True} if self.acceptance is None else {}
+        apart |= {} if self.endurance else {"endurance": True}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():
@@ -217,7 +234,7 @@ class Matrix(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        miscounted = [*self._counted()]
+        miscounted = [*self._tests_named_once(), *self._counted()]
         yield from miscounted
         yield from (*self._heat_known(), *self._damper_assumed(), *self._current_tells_force())
         if not miscounted:  # there may be millions of them
@@ -230,15 +247,32 @@ class Matrix(Section):
         count = (math.prod(axes.values()) + signals + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
+        performance = count
+        for test in self.endurance:
+            count += test.blocks + test.rounds * performance
         if count == 0:
             yield (), "no test points are defined. Fix: complete [matrix], or add a [[point]]"
         if count > POINT_LIMIT:
             product_of = f"{' x '.join(map(str, axes.values()))} {' x '.join(axes)}"
             yield (), (
                 f"the matrix contains {count} test points: ({product_of} + {signals} signals + "
-                f"{len(self.extra)} [[point]]) x {sweep.repeats} repeats; allowed: at most {POINT_LIMIT}. Fix: split "
-                "the matrix"
+                f"{len(self.extra)} [[point]]) x {sweep.repeats} repeats{self._of_endurance(performance)}; allowed: at "
+                f"most {POINT_LIMIT}. Fix: {'use longer blocks, or ' if self.endurance else ''}split the matrix"
             )
+
+    def _of_endurance(self, performance: int) -> str:
+        """The points of the endurance tests, in words."""
+        return "".join(
+            f" + {name}: {test.blocks} blocks and {test.rounds} x {performance} performance points"
+            for name, test in self.endurance_tests.items()
+        )
+
+    def _tests_named_once(self) -> Iterator[Problem]:
+        names = [(test.id or f"e{number}").casefold() for number, test in enumerate(self.endurance, start=1)]
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                text = f"two endurance tests have the ID {name!r}. Fix: give each [[endurance]] a unique id"
+                yield ("endurance", number, "id"), text
 
     def _heat_known(self) -> Iterator[Problem]:
         if self.sweep.order != "by heat":
@@ -264,7 +298,8 @@ class Matrix(Section):
                 yield ("hybrid", *place), text
 
     def _unique_ids(self) -> Iterator[Problem]:
-        counts = Counter(point.id.casefold() for point in self._written() if point.kind != HYBRID)
+        points = [*self._written(), *(point for point in self._ordered if point.endurance is not None)]
+        counts = Counter(point.id.casefold() for point in points if point.kind != HYBRID)
         twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")

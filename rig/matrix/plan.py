@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -28,12 +28,11 @@ from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.sensor_timing import skew_hints
 from rig.matrix.stopping import stopping_reach
+from rig.matrix.storage import NO_STORAGE, SETTLING_S, Storage, storage_of
 from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks, some
 from rig.signals.stopping import Reach
-from rig.test_point import LOOP, SIGNAL, TestPoint
+from rig.test_point import SIGNAL, TestPoint
 
-SETTLING_S = 0.5
-"""Allowed for each point beside its motion: current settles, rod returns to centre, file closes."""
 
 @dataclass(frozen=True)
 class PlannedPoint:
@@ -126,6 +125,7 @@ class Plan:
     `warnings` are hints that refuse nothing.
     `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window, None where
     the heat that warms is unknown or does not suffice.
+    `storage` is the disk space that the points need.
     `display` is how people read its numbers.
     """
 
@@ -137,6 +137,7 @@ class Plan:
     warm_up: PlannedPoint | None = None
     warnings: tuple[str, ...] = ()
     display: Display = SI
+    storage: Storage = NO_STORAGE
 
     @property
     def planned_points(self) -> tuple[PlannedPoint, ...]:
@@ -182,6 +183,8 @@ class Plan:
             "specimen": self.specimen,
             "prediction": self.prediction,
             "warnings": list(self.warnings),
+            "storage_bytes": self.storage.total,
+            "endurance": endurance_json(item.point for item in self.points),
         }
 
 
@@ -198,7 +201,16 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         prediction = f"from {specimen.assumed.description}"
     elif specimen.max_force_N is not None:
         prediction = f"at most {display.force.text(specimen.max_force_N)}"
-    points = tuple(_check(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
+    checked: dict[TestPoint, PlannedPoint] = {}
+
+    def check(point: TestPoint) -> PlannedPoint:
+        """Equal motions are checked once: an endurance test has thousands of them."""
+        alike = point.without_name
+        if alike not in checked:
+            checked[alike] = _check(point, matrix, bench, predict)
+        return replace(checked[alike], point=point)
+
+    points = tuple(check(point) for point in in_running_order(matrix, bench))
     in_order = [item.point for item in points]
     warnings = (
         *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
@@ -215,14 +227,40 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
             "the start",
         )
     if matrix.temperature is None:
-        return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings, display=display)
+        return Plan(
+            points, bench.name, specimen.serial_number, prediction, warnings=warnings, display=display,
+            storage=storage_of(in_order, bench),
+        )  # fmt: skip
     thermal = thermal_of(in_order, predict, matrix.temperature)
     warm_up = _checked_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
     waits_s = None
     if warm_up.feasible and all(item.energy_J is not None for item in (*points, warm_up)):
         loads = [load_of(point, predict) for point in in_order]
         waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
-    return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings, display)
+    return Plan(
+        points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings, display,
+        storage_of(in_order, bench),
+    )  # fmt: skip
+
+
+def endurance_json(points: Iterable[TestPoint]) -> list[dict[str, Any]]:
+    """The endurance tests of a plan: cycles, blocks, most cycles of a block, performance points, motion (s)."""
+    tests: dict[str, dict[str, Any]] = {}
+    for point in points:
+        step = point.endurance
+        if step is None:
+            continue
+        test = tests.setdefault(step.test, {
+            "id": step.test, "cycles": step.total, "blocks": 0, "cycles_per_block": 0, "performance_points": 0,
+            "motion_s": 0.0,
+        })  # fmt: skip
+        if step.block:
+            test["blocks"] += 1
+            test["cycles_per_block"] = max(test["cycles_per_block"], step.block_cycles)
+            test["motion_s"] += point.motion_s
+        else:
+            test["performance_points"] += 1
+    return list(tests.values())
 
 
 def _iteration_hints(points: Sequence[TestPoint], matrix: Matrix) -> tuple[str, ...]:
@@ -245,10 +283,10 @@ def _iteration_hints(points: Sequence[TestPoint], matrix: Matrix) -> tuple[str, 
 def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:
     """The points as they run: in the matrix's order; where a person sets the current, by rising current.
 
-    `order = "random"` stays as it is drawn: it was asked for.
+    `order = "random"` stays as it is drawn: it was asked for. Points of an endurance test stay between its blocks.
     """
     points = matrix.points()
-    if not bench.ecu.by_hand or matrix.sweep.order == "random":
+    if not bench.ecu.by_hand or matrix.sweep.order == "random" or matrix.endurance:
         return points
     return tuple(sorted(points, key=lambda point: point.first_current_A))
 
@@ -273,7 +311,7 @@ def _check(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
 def _highest_peaks(point: TestPoint, matrix: Matrix, bench: Bench) -> Peaks:
     """Of the largest command that the adaption of the amplitude may give for a point; its own without adaption."""
     own = peaks(point, bench)
-    if not matrix.sweep.adapt_amplitude or point.kind != LOOP:
+    if not matrix.sweep.adapt_amplitude or not point.adapts:
         return own
     largest_m = max(point.amplitude_m, command_limit(point, matrix, bench)[0])
     largest = peaks(replace(point, amplitude_m=largest_m), bench)

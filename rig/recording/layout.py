@@ -70,8 +70,23 @@ class Event:
 
 
 @dataclass(frozen=True)
+class CycleTable:
+    """Statistics of every cycle of an endurance block: `number` (k,) of each in its test, and `values` (k,) by name.
+
+    `units` name unit and meaning of each statistic.
+    """
+
+    number: NDArray[np.int64]
+    values: Mapping[str, NDArray[np.float64]]
+    units: Mapping[str, tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class PointFile:
-    """Everything one file holds. `time_s` (n,) in seconds; `flags` (n,) as `protocols.quality.Quality`, None: all 0."""
+    """Everything one file holds. `time_s` (n,) in seconds; `flags` (n,) as `protocols.quality.Quality`, None: all 0.
+
+    `cycles`: only of an endurance block, whose samples are those of some cycles.
+    """
 
     time_s: Values
     sample_rate_hz: float
@@ -84,6 +99,7 @@ class PointFile:
     quality: Mapping[str, Attribute] = field(default_factory=dict)
     provenance: Mapping[str, Attribute] = field(default_factory=dict)
     title: str = ""
+    cycles: CycleTable | None = None
 
 
 def check_of(values: NDArray[Any]) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.signals.record import RecordFacts
-from rig.test_point import LOOP, TestPoint
+from rig.test_point import LOOP, EnduranceStep, TestPoint
 
 MOTION = ("id", "waveform", "amplitude_m", "frequency_Hz", "current_A")
 """Fields of a `TestPoint` that every recording states."""
@@ -32,9 +32,14 @@ RECORD = {
     "highest_Hz": "record_highest_Hz",
 }  # fmt: skip
 """Field of `RecordFacts` -> attribute."""
-NAMES = frozenset({*MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, *COMMANDED.values(), *RECORD.values()})
+ENDURANCE = {name: f"endurance_{name}" for name in EnduranceStep._fields}
+"""Field of `EnduranceStep` -> attribute."""
+NAMES = frozenset({
+    *MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, *COMMANDED.values(), *RECORD.values(), *ENDURANCE.values(),
+})
 TEXTS = frozenset({
     "id", "waveform", "kind", STEPS, STEP_TIMES, LAW, RECORD["name"], RECORD["sha256"], COMMANDED["iteration"],
+    ENDURANCE["test"],
 })
 """Those that are texts; the others are numbers."""
 
@@ -89,6 +94,8 @@ def attributes_of(point: TestPoint, commanded: Commanded) -> dict[str, str | int
     }
     if record is not None:
         values[RECORD["sha256"]] = record.sha256 or None
+    if point.endurance is not None:
+        values |= {attribute: getattr(point.endurance, name) for name, attribute in ENDURANCE.items()}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -110,6 +117,9 @@ def point_fields(attributes: Mapping[str, Any]) -> dict[str, Any]:
             stated.get(RECORD["name"], ""), stated[RECORD["duration_s"]], stated[RECORD["ramp_s"]],
             stated.get(RECORD["highest_Hz"], 0.0), stated.get(RECORD["sha256"], ""),
         )
+    if all(attribute in stated for attribute in ENDURANCE.values()):
+        numbers = {name: int(stated[attribute]) for name, attribute in ENDURANCE.items() if name != "test"}
+        fields["endurance"] = EnduranceStep(stated[ENDURANCE["test"]], **numbers)
     return fields
 
 

@@ -184,7 +184,7 @@ class Run:
     def __repr__(self) -> str:
         """One line: folder, number of points, and how many of them are not valid."""
         where = "in memory" if self.path == self.NOWHERE else repr(str(self.path))
-        others = len(self.points) - len(self.valid)
+        others = sum(point.verdict != "valid" for point in self.points)
         return f"Run({where}, {len(self.points)} points{f', {others} of them not valid' if others else ''})"
 
     def _repr_html_(self) -> str:
@@ -280,13 +280,13 @@ class Run:
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
-        """The points a fit uses unless told otherwise: those judged valid."""
-        return tuple(point for point in self.points if point.verdict == "valid")
+        """The points a fit uses unless told otherwise: those judged valid, of the specimen before endurance tests."""
+        return tuple(point for point in self.usable if point.verdict == "valid")
 
     @property
     def usable(self) -> tuple[RecordedPoint, ...]:
-        """The points a fit can use when told so: all but the invalid ones."""
-        return tuple(point for point in self.points if point.verdict != "invalid")
+        """The points a fit can use when told so: all but the invalid ones and those of endurance tests."""
+        return tuple(point for point in self.points if point.verdict != "invalid" and not point.after_cycles)
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from rig.campaign_folder import CampaignFolder
 from rig.characteristics import Characteristics, characterise
+from rig.characteristics.endurance_tests import EnduranceTest, endurance_tests
 from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hybrid
 from rig.comparison.specimen import SpecimenResult, specimen_result, write_specimen
 from rig.display import Display
@@ -42,6 +43,7 @@ from rig.fits.fit_record import COIL, FitRecord, fit_in
 from rig.identification.application.law import Law
 from rig.matrix.report_table import DetailsFile
 from rig.recording.atomic_write import write_text_durably
+from rig.recording.endurance import withdrawn_points
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
@@ -51,6 +53,7 @@ from rig.report.acceptance import acceptance_section, specimen_fact, specimen_no
 from rig.report.budget import budget
 from rig.report.cover import Details as CoverDetails
 from rig.report.cover import conditions, cover, mark_of, matrix_tables
+from rig.report.endurance import endurance_section
 from rig.report.events import events
 from rig.report.hybrid import hybrid_section
 from rig.report.instruments import calibrations, doubts_of, instruments, sensors_of
@@ -63,6 +66,7 @@ from rig.report.point_tables import point_details, points_table, time_base_words
 from rig.report.signals import signals_section
 from rig.report.traces import time_traces
 from rig.report.views import AS_AMPLITUDE, MotionTerms, PointView, completed_views, view_of
+from rig.test_point import ENDURANCE
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
@@ -83,6 +87,7 @@ class Material:
         remark: why the fit's curves are not drawn; empty where they are.
         characteristics: the standard damper tests.
         hybrid: the hybrid tests.
+        endurance: the endurance tests.
         log: the journal's events; None where there is no journal.
         sensors: attributes of the calibrated channels, of the first point that was recorded here.
         details: title, people, logo and conditions, as far as they are known.
@@ -97,6 +102,7 @@ class Material:
     remark: str
     characteristics: Characteristics
     hybrid: Sequence[HybridTest]
+    endurance: Sequence[EnduranceTest]
     log: Sequence[JsonObject] | None
     sensors: Mapping[str, Mapping[str, Any]]
     details: CoverDetails
@@ -121,7 +127,8 @@ class Material:
         recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
         return cls(
             run, fit, completed_views(views, characteristics.loops, display, terms), remark, characteristics,
-            hybrid_tests(run), read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
+            hybrid_tests(run), endurance_tests(run),
+            read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
             {} if recorded is None else sensors_of(recorded),
             CoverDetails.of(run, None if details is None else details.report), display,
             specimen_result(run, characteristics), terms,
@@ -141,6 +148,7 @@ def report_of(of: Material) -> Document:
     if measured.first:
         blocks += [*hybrid_section(of.hybrid, of.display), *signals_section(views)]
     blocks += iteration_section(views)
+    blocks += endurance_section(of.endurance, of.display)
     blocks += [*acceptance_section(of.specimen, of.display), *model_section(of)]
     blocks += section("Appendix", "All results, and how they were obtained.")
     if measured.rest:
@@ -252,7 +260,7 @@ def views_of(run: Run, fit: FitRecord | None) -> tuple[list[PointView], str]:
             point, law, fitted.get(point.id) or held_out.get(point.id), held_out=point.id in held_out,
             skew=skews.get(point.id),
         )
-        for point in run.points
+        for point in run.points if point.kind != ENDURANCE  # whose files hold only some of their samples
     ]
     return views, remark
 
@@ -280,7 +288,8 @@ def facts_of(of: Material) -> Facts:
     run, fit = of.run, of.fit
     valid = _count(run, "valid")
     planned = run.campaign.get("points")  # identifiers; of an import: its files, which may hold no test
-    total = max(len(run.points), sum(isinstance(one, str) for one in planned) if isinstance(planned, list) else 0)
+    names = [one for one in planned if isinstance(one, str)] if isinstance(planned, list) else []
+    total = max(len(run.points), len(set(names) - withdrawn_points(run.path)))
     severity = GOOD if valid == total else POOR if valid == 0 else FAIR
     facts = [] if of.specimen is None else [specimen_fact(of.specimen)]
     facts.append(Fact(f"{valid} of {total}", "points valid", severity))
@@ -370,7 +379,7 @@ def unfinished(run: Run, log: Sequence[JsonObject]) -> Blocks:
     """That the campaign ended before its last point, and what stopped it; empty where every point was recorded."""
     planned = run.campaign.get("points")
     names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
-    missing = set(names) - {point.id for point in run.points}
+    missing = set(names) - {point.id for point in run.points} - withdrawn_points(run.path)
     if not missing or all(point.imported for point in run.points):
         return []
     last = next((line for line in reversed(log) if line.get("event") == "result"), {})

@@ -43,6 +43,7 @@ class Plant:
         self._thermal = np.array([float(parameter.softens) for parameter in self.model.parameters])
         self._change_per_K = options.damper.force_change_per_K
         self._reference_degC = options.damper.ambient_degC
+        self._wear = Wear(options.damper)
         self.constants = np.zeros(1, CONSTANTS)
         self.command = np.zeros(1, COMMAND)
         self.state = np.zeros(1, STATE)
@@ -82,6 +83,8 @@ class Plant:
         if self._change_per_K:
             warmer = float(self.state["temperature_degC"][0]) - self._reference_degC
             self._damper[:] = self._base * (1.0 + self._thermal * self._change_per_K * warmer)
+        if self._wear.wears:
+            self._worn()
         self.first_step = self.step
         count = plant_loop()(
             steps,
@@ -97,10 +100,16 @@ class Plant:
             self._events,
         )
         self.out = self._buffer[:steps]
+        self._wear.travel(self.out[:, PISTON])
         self._moved()
         self.position_input.take(self.out[:, PISTON])
         self.force_input.take(self.out[:, FORCE])
         return [(float(time_s), int(kind), float(value)) for time_s, kind, value in self._events[:count]]
+
+    def _worn(self) -> None:
+        """The constants of the damper after the distance travelled so far."""
+        for name, value in self._wear.constants().items():
+            self.constants[name][0] = value
 
     def _moved(self) -> None:
         """Where another system than the servo moves the rod: its outputs in place of those of the last slice."""
@@ -159,6 +168,42 @@ class Plant:
             fade_cycles=1.0,
             frequency_Hz=1.0,
         )
+
+
+class Wear:
+    """Wear of the specimen with the distance that its rod travels.
+
+    Args:
+        options: its rates; all 0: no wear.
+    """
+
+    def __init__(self, options: DamperOptions) -> None:
+        self._options = options
+        self._last_m = math.nan
+        self.travelled_km = options.travelled_km
+
+    @property
+    def wears(self) -> bool:
+        """Whether anything changes with the distance."""
+        rates = self._options
+        return rates.force_loss_per_km + rates.friction_gain_N_per_km + rates.gas_loss_N_per_km > 0.0
+
+    def travel(self, position_m: FloatArray) -> None:
+        """Add the distance along positions (n,), m."""
+        if not self.wears or not len(position_m):
+            return
+        first_m = 0.0 if math.isnan(self._last_m) else abs(float(position_m[0]) - self._last_m)
+        self.travelled_km += 1e-3 * (first_m + float(np.sum(np.abs(np.diff(position_m)))))
+        self._last_m = float(position_m[-1])
+
+    def constants(self) -> dict[str, float]:
+        """The plant's constants that wear changes."""
+        rates, km = self._options, self.travelled_km
+        return {
+            "force_scale": max(0.0, 1.0 - rates.force_loss_per_km * km),
+            "seal_friction_N": rates.seal_friction_N + rates.friction_gain_N_per_km * km,
+            "gas_force_N": max(0.0, rates.gas_force_N - rates.gas_loss_N_per_km * km),
+        }
 
 
 def specimen_model(options: DamperOptions) -> tuple[DamperModel, dict[str, float]]:

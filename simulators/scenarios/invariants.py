@@ -241,7 +241,7 @@ def recorded_is_what_was_there(view: View) -> Findings:
         except (OSError, FileProblem):
             continue  # reported by another check
         began_ns = began[str(line["id"])]
-        rows = view.between(began_ns, began_ns + 1e9 * float(point.time_s[-1] - point.time_s[0]))
+        rows = view.between(began_ns, began_ns + 1e9 * float(point.time_s[-1]))
         if not len(rows):
             continue
         force_N = TRUE_FORCE_N + TRUE_SHARE * np.ptp(rows[:, 4])

@@ -161,6 +161,7 @@ class ActionExecutor:
             act.DropRecording: self.recording.drop,
             act.Remark: self.recording.remark,
             act.GiveUpPoint: self._give_up_point,
+            act.Withdraw: self.recording.withdraw,
             act.Deadline: self._set_deadline,
             act.Note: self._report,
             act.LeaveToStation: self._leave_to_station,

@@ -8,6 +8,7 @@ from typing import Any
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
+from rig.campaign.endurance import EnduranceBook
 from rig.campaign.manual_current import ManualCurrent
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import Display
@@ -36,6 +37,7 @@ class CampaignContext:
         simulated: no real damper is tested.
         stock: what is kept of earlier sessions, and what remains to be run.
         results: where results are entered.
+        endurance: counts the cycles of endurance tests.
         identities: what the devices said about themselves at connect.
         channels: the origin of each channel, as the drivers stated it at connect.
         hand: who sets the current by hand; None where a device drives it.
@@ -55,6 +57,7 @@ class CampaignContext:
     simulated: bool
     stock: Stock
     results: PointResults
+    endurance: EnduranceBook
     identities: dict[str, Any] = field(default_factory=dict)
     channels: dict[str, dict[str, str]] = field(default_factory=dict)
     at_rest: dict[str, float] = field(default_factory=dict)

@@ -27,7 +27,7 @@ from rig.recording.journal.recorder import PointRecorder, RecorderFailed, kept_a
 from rig.recording.layout import PointContext, SensorContext
 from rig.recording.point_attributes import Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE, FinishedPoint, attempt_name
-from rig.test_point import TestPoint
+from rig.test_point import ENDURANCE, TestPoint
 
 RETIMING_TIMEOUT_S = 120.0
 ASK_AGAIN_S = 0.25
@@ -45,6 +45,7 @@ class PointRecording:
         recorder: recording's thread on the station's ring; None before the station is connected.
         handed_in: points whose files are being made, by the name of their files.
         apart: those of these names that are records out of tolerance.
+        counted: what the last file of a block of an endurance test says of it, by id of the point.
     """
 
     campaign: CampaignContext
@@ -52,6 +53,7 @@ class PointRecording:
     recorder: PointRecorder | None = None
     handed_in: dict[str, TestPoint] = field(default_factory=dict)
     apart: set[str] = field(default_factory=set)
+    counted: dict[str, ev.BlockCounted] = field(default_factory=dict)
 
     def begin(self, action: act.BeginRecording) -> None:
         """Open the journal of a point's attempt.
@@ -62,12 +64,12 @@ class PointRecording:
         """
         recorder, point, campaign = self._connected(), action.point, self.campaign
         try:
-            if action.attempt == 1:
-                # What an earlier session left of the point makes room for this one's.
-                names = set_aside(campaign.files.points, point.id, campaign.point_ids)
-                campaign.results.renamed(names)
+            if point.kind == ENDURANCE:
+                action = replace(action, point=campaign.endurance.begun(point, campaign.bench))
+                name = campaign.endurance.name_of(point, campaign.point_ids)
+            else:
+                name = self._cleared_name(action)
             expected_s = point.motion_s / campaign.bench.clock.device_rate
-            name = attempt_name(point.id, action.attempt, self.campaign.point_ids)
             recorder.begin(point_context(campaign, action, name), expected_s=expected_s)
         except Exception as error:
             self.give_up(point, cause_of(error))
@@ -77,6 +79,14 @@ class PointRecording:
         campaign.log.note("point", point=point.id, attempt=action.attempt)
         if action.drive is not None:
             campaign.results.iterations[point.id] = action.drive.to_json()
+
+    def _cleared_name(self, action: act.BeginRecording) -> str:
+        """Name of a point's files; what an earlier session left of the point makes room for this one's."""
+        campaign, point = self.campaign, action.point
+        if action.attempt == 1:
+            names = set_aside(campaign.files.points, point.id, campaign.point_ids)
+            campaign.results.renamed(names)
+        return attempt_name(point.id, action.attempt, campaign.point_ids)
 
     def end(self, action: act.EndRecording) -> None:
         """Close the journal and have the point's file made.
@@ -144,7 +154,10 @@ class PointRecording:
             result = self._entered(finished)
             if result is None:
                 continue
-            if finished.id == attempt_name(result.id, max(1, attempts.count(result.id)), self.campaign.point_ids):
+            block = self.counted.pop(result.id, None)
+            if block is not None:
+                events.append(ev.Judged(result.id, result.verdict == VALID, block))
+            elif finished.id == attempt_name(result.id, max(1, attempts.count(result.id)), self.campaign.point_ids):
                 events.append(ev.Judged(result.id, result.verdict == VALID))
         return events
 
@@ -156,6 +169,8 @@ class PointRecording:
             campaign.log.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
         if point is None:
             return None
+        if point.kind == ENDURANCE:
+            self._count(point, None if finished.error else campaign.files.points / finished.file)
         if finished.error or not finished.file:
             return self.give_up(point, because("not-written", "said", text=finished.error)) if attempt else None
         entry = (
@@ -166,6 +181,23 @@ class PointRecording:
             return self._announced(campaign.results.record_verdict(*entry))
         campaign.results.recorded_apart(*entry)
         return None
+
+    def _count(self, point: TestPoint, file: Path | None) -> None:
+        """Count the cycles of a block's file, and tell the operator how the test stands."""
+        campaign = self.campaign
+        self.counted[point.id] = campaign.endurance.count(point, file)
+        campaign.endurance.save()
+        text = campaign.endurance.summary(point)
+        campaign.log.note("endurance", point=point.id, text=text)
+        campaign.display.message("info", text)
+
+    def withdraw(self, action: act.Withdraw) -> None:
+        """Leave out the points that are not run, since a stop rule ended their endurance test."""
+        campaign = self.campaign
+        campaign.endurance.withdraw(action.test, action.points)
+        campaign.endurance.save()
+        campaign.results.withdraw(action.points)
+        campaign.log.note("withdrawn", test=action.test, points=list(action.points))
 
     def collect(self, signals: Signals) -> ev.Abort | None:
         """Wait for the files of the points that were recorded; the rig is at rest, whatever happens here.
@@ -195,7 +227,8 @@ class PointRecording:
                     if enough() or monotonic_ns() > deadline_ns:
                         cause = because("not-written", "file-unfinished")
                         self._entered(FinishedPoint(name, error=cause.detail, error_slug=cause.slug))
-        if self.campaign.results.results.keys() >= set(self.campaign.point_ids) and not enough():
+        planned = {point.id for point in self.campaign.results.points}
+        if self.campaign.results.results.keys() >= planned and not enough():
             self._bring_to_one_skew(enough)
 
     def _bring_to_one_skew(self, enough: _Enough) -> None:

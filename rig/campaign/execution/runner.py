@@ -46,7 +46,6 @@ from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.ring_reader import RecordBlock, RingReader
 from rig.station.client import StationLost
 from rig.station.safe_stop import ZERO_CURRENT_A
-from rig.test_point import LOOP
 
 TURN_S = 0.002
 BEAT_NS = 40_000_000
@@ -81,8 +80,8 @@ class Runner:
         self, campaign: CampaignContext, signals: Signals, finaliser: Finaliser, baseline: Baseline
     ) -> None:
         points = tuple(item.point for item in campaign.plan.points)
-        remaining = {point.id for point in campaign.stock.remaining}
-        queue = tuple(point for point in points if point.id in remaining)
+        remaining = {point.id: point for point in campaign.stock.remaining}
+        queue = tuple(remaining[point.id] for point in points if point.id in remaining)
         self.state = campaign_state(queue, campaign.matrix, campaign.bench, stored_drives(campaign))
         self._campaign = campaign
         self._signals = signals
@@ -389,7 +388,7 @@ class Runner:
             fact, self._disturbed = replace(fact, motion=motion), ""
         changed = observer.load_train_change
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
-        if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == LOOP:
+        if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.adapts:
             self._hear_the_station()
             self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
         return fact

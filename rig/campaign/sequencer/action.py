@@ -198,6 +198,14 @@ class GiveUpPoint:
 
 
 @dataclass(frozen=True)
+class Withdraw:
+    """These points (ids) are not run: a stop rule ended their endurance test (its id)."""
+
+    test: str
+    points: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Deadline:
     """Report `TimedOut(phase)` when the phase lasts too long.
 
@@ -261,6 +269,7 @@ Action = (
     | DropRecording
     | Remark
     | GiveUpPoint
+    | Withdraw
     | Deadline
     | Note
     | LeaveToStation

@@ -156,11 +156,27 @@ class Standstill:
 
 
 @dataclass(frozen=True)
+class BlockCounted:
+    """What is known of an endurance test after the file of one of its blocks.
+
+    Attributes:
+        cycles_left: of the block.
+        cycles_run: of the whole test.
+        ended_by: name of the stop rule that was reached; empty: none.
+    """
+
+    cycles_left: int
+    cycles_run: int
+    ended_by: str = ""
+
+
+@dataclass(frozen=True)
 class Judged:
-    """A point's file was written and judged."""
+    """A point's file was written and judged; `block`: only of a block of an endurance test."""
 
     point_id: str
     valid: bool
+    block: BlockCounted | None = None
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,13 @@ def _unanswered(state: State, event: ev.TimedOut) -> Step:
     return stopping.fault(state, ev.Fault(StopKind.PRESSURE_OFF, cause))
 
 
+def _never_judged(state: State, event: ev.TimedOut) -> Step:
+    """Verdicts at the end are not waited for any longer; without the count of a block its test cannot go on."""
+    if not state.queue:
+        return stopping.finish(state)
+    return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, because("not-written", "file-unfinished")))
+
+
 OVERDUE: dict[Phase, Handler] = {
     Phase.CONNECTING: _unanswered,
     Phase.ARMING: _unanswered,
@@ -66,7 +73,7 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.SETTLING: _current_never_settled,
     Phase.RUNNING: _program_overdue,
     Phase.CLEARING: _stops(StopKind.PRESSURE_OFF, "current-stuck", "current-not-zero"),
-    Phase.EVALUATING: lambda state, _: stopping.finish(state),
+    Phase.EVALUATING: _never_judged,
     Phase.STANDING: _stops(StopKind.PRESSURE_OFF, "stop-ignored", "standstill-overdue"),
     Phase.STOPPING: stopping.overdue,
     Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),

@@ -30,7 +30,7 @@ from rig.campaign.stop_cause import StopCause, because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
 from rig.signals.drive_iteration import CONVERGED, TARGET, SignalDrive, remembered_signal
-from rig.test_point import LOOP, SIGNAL, TestPoint
+from rig.test_point import SIGNAL, TestPoint
 
 Onwards = Callable[[State], Step]
 
@@ -64,8 +64,7 @@ def program(state: State) -> TestPoint:
 
 def adapts(state: State) -> bool:
     """Whether the current point's command is compensated: a motion at a constant current, which repeats itself."""
-    constant = state.point.kind == LOOP and not state.point.current_programmed
-    return state.conditions.tolerance is not None and constant
+    return state.conditions.tolerance is not None and state.point.adapts
 
 
 def iterates(state: State) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -16,7 +16,7 @@ from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import Load, Thermal, load_of, thermal_of, warm_up_point
 from rig.signals.drive_iteration import IterationSettings, SignalDrives
-from rig.test_point import LOOP, TestPoint
+from rig.test_point import TestPoint
 
 DEMAGNETISING_RATIO = 0.7
 DEMAGNETISED_A = 0.05
@@ -167,7 +167,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         iteration=None if matrix.sweep.iterate is None else matrix.sweep.iterate.settings,
-        ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == LOOP},
+        ceilings=_ceilings(points, matrix, bench),
         demagnetise=matrix.campaign.demagnetise,
         powered_test=bench.actuator.watchdog_tested != "off",
         hand=ManualState(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
@@ -175,13 +175,21 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     if temperature is None:
         return conditions
     forecast = forecaster(matrix.specimen)
+    loads = {alike: load_of(alike, forecast) for alike in {point.without_name for point in points}}
     return replace(
         conditions,
         thermal=thermal_of(points, forecast, temperature),
-        loads=tuple((point.id, load_of(point, forecast)) for point in points),
+        loads=tuple((point.id, loads[point.without_name]) for point in points),
         warm_up=warm_up_point(points, forecast, temperature),
         longest_s=temperature.longest_s,
     )
+
+
+def _ceilings(points: Iterable[TestPoint], matrix: Matrix, bench: Bench) -> dict[str, Ceiling]:
+    """By id; equal motions, of which an endurance test has thousands, are computed once."""
+    adapting = [point for point in points if point.adapts]
+    of_motion = {alike: _ceiling(alike, matrix, bench) for alike in {point.without_name for point in adapting}}
+    return {point.id: of_motion[point.without_name] for point in adapting}
 
 
 def _ceiling(point: TestPoint, matrix: Matrix, bench: Bench) -> Ceiling:

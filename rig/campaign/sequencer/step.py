@@ -17,8 +17,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import endurance, manual_current, point_preparation, stopping
 from rig.campaign.sequencer import event as ev
-from rig.campaign.sequencer import manual_current, point_preparation, stopping
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.overdue import OVERDUE, PAUSE_LIMIT_S
 from rig.campaign.sequencer.state import Phase, State
@@ -26,7 +26,7 @@ from rig.campaign.sequencer.stopping import Handler, Step
 from rig.campaign.stop_cause import because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
-from rig.test_point import TestPoint
+from rig.test_point import ENDURANCE, TestPoint
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0
@@ -36,6 +36,8 @@ PROGRAM_PATIENCE = 1.25
 PROGRAM_EXTRA_S = 5.0
 EVALUATION_LIMIT_S = 120.0
 """Wall time: files are written on the host."""
+EVALUATION_SHARE = 0.5
+"""Of a block's motion, in addition: a long block has a large file."""
 REST_EXTRA_S = 5.0
 
 
@@ -148,6 +150,9 @@ def _next_point(state: State) -> Step:
     if state.pause_requested:
         note = act.Note("info", say("paused", point=state.point.id))
         return stopping.enter(state, Phase.PAUSED, note, device_s=0.0, wall_s=PAUSE_LIMIT_S)
+    if endurance.awaited(state):
+        limit_s = EVALUATION_LIMIT_S + EVALUATION_SHARE * state.point.motion_s
+        return stopping.enter(state, Phase.EVALUATING, device_s=0.0, wall_s=limit_s)
     if state.conditions.thermal is not None:
         return point_preparation.read_temperature(state)
     return _approach(state)
@@ -276,8 +281,9 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
     if drive is None or event.motion is None or (drive.settled and not drive.cannot):
         return _recorded(state, held_at_m)
     note = point_preparation.learned_note(state, event)
-    if drive.cannot:
-        state, actions = _recorded(state, held_at_m, act.Remark("machine-cannot", drive.cannot))
+    if drive.cannot or state.point.kind == ENDURANCE:  # the cycles of a block were run, whatever their amplitude
+        remarks = (act.Remark("machine-cannot", drive.cannot),) if drive.cannot else ()
+        state, actions = _recorded(state, held_at_m, *remarks)
         return state, (note, *actions)
     point = state.point
     state, actions = _onwards(replace(state.without_last_attempt(), recording=False, held_at_m=held_at_m))
@@ -286,6 +292,10 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
 
 def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:
     point, spoiled = state.point, state.spoiled
+    if point.kind == ENDURANCE:
+        state, actions = stopping.end_recording(state, spoiled)
+        state, more = _clear(replace(state, held_at_m=held_at_m, spoiled=None, rest_s=point.rest_s))
+        return state, (*remarks, *actions, *more)
     may_repeat = state.attempts.count(point.id) <= state.retries
     state, actions = stopping.end_recording(state, spoiled)
     actions = remarks + actions
@@ -327,6 +337,10 @@ def _rested(state: State, event: ev.RestOver) -> Step:
 
 
 def _evaluated(state: State, event: ev.Judged) -> Step:
+    if event.block is not None:
+        state, actions = endurance.counted(state, event, event.block)
+        state, more = _next_point(state) if state.phase is Phase.EVALUATING else (state, ())
+        return state, (*actions, *more)
     if event.point_id not in state.unjudged:
         return state, ()
     again = tuple(point for point in state.given_back if point.id == event.point_id and not event.valid)

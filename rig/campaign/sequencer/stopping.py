@@ -18,6 +18,7 @@ from rig.campaign.sequencer.state import Latch, Phase, State
 from rig.campaign.stop_cause import COOLS_FIRST, StopCause, because, may_restart, stop_note
 from rig.campaign.words import say
 from rig.faults.row import StopKind
+from rig.test_point import ENDURANCE
 
 Step = tuple[State, tuple[Action, ...]]
 Handler = Callable[[State, Any], Step]
@@ -46,10 +47,15 @@ def request(state: State, phase: Phase, requested: Request) -> Step:
 
 
 def end_recording(state: State, fault: StopCause | None) -> Step:
-    """Close the current point's recording if it is open; a `fault` makes the point invalid."""
+    """Close the current point's recording if it is open; a `fault` makes the point invalid.
+
+    A block of an endurance test is awaited: its file states how many cycles are left of it.
+    """
     if not state.recording:
         return state, ()
     attempt = state.attempts.count(state.point.id)
+    if state.point.kind == ENDURANCE:
+        state = replace(state, unjudged=(*state.unjudged, state.point.id))
     return replace(state, recording=False), (act.EndRecording(state.point, attempt, fault),)
 
 

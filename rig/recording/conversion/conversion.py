@@ -17,6 +17,7 @@ from drivers.ring import CHANNELS
 from rig.errors import FileProblem
 from rig.recording.alignment.alignment import INTERPOLATED, Alignment, TimedChannel, align
 from rig.recording.atomic_write import FULL, flush_directory
+from rig.recording.conversion.endurance_block import reduced
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.hdf5.hdf5_objects import Checks
 from rig.recording.hdf5.read_back import prove
@@ -35,6 +36,7 @@ from rig.signals.chunked_column import Column, Values, mapped
 from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.derivatives import MARGIN, METHOD, velocity_of
 from rig.signals.estimate import Estimate
+from rig.test_point import ENDURANCE
 
 UNMEASURED = {
     "operator": "constant: set manually and confirmed by the operator; not measured",
@@ -178,6 +180,8 @@ def build(
         events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
         title=f"Test point {context.point.id}",
     )
+    if context.point.kind == ENDURANCE:
+        return reduced(file, quality, alignment, content, context.point)
     return file, quality
 
 

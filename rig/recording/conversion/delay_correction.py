@@ -28,6 +28,7 @@ from rig.recording.quality.instrument_checks import SLUGS
 from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.quality.verdict_rules import with_skew
 from rig.recording.recorded_point import RecordedPoint
+from rig.test_point import ENDURANCE
 
 if TYPE_CHECKING:
     import h5py
@@ -59,7 +60,7 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
         FileProblem: a file cannot be trusted.
         OSError: the disk refuses; the files written before are complete, the others are as they were.
     """
-    points = [RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5"))]
+    points = _whole_points(points_folder)
     usable = [point for point in points if point.verdict != "invalid"]
     skews, behind = pooled_skews(usable), behind_arrivals(usable)
     instruments = campaign_verdicts(points)
@@ -69,6 +70,16 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
         if change is not None and point.path is not None and can_be_rebuilt(point):
             yield make_again(point.path, change)
     yield from judge_together(points_folder)
+
+
+def _whole_points(points_folder: Path) -> list[RecordedPoint]:
+    """The points of a campaign, blocks of endurance tests apart: their files hold only some of their samples.
+
+    Raises:
+        FileProblem: a file cannot be trusted.
+    """
+    points = (RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5")))
+    return [point for point in points if point.kind != ENDURANCE]
 
 
 def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments: Verdict | None) -> Change | None:
@@ -139,10 +150,7 @@ def judge_together(points_folder: Path) -> Iterator[FinishedPoint]:
         FileProblem: a file cannot be trusted.
         OSError: the disk refuses; the files written before are complete, the others are as they were.
     """
-    points = {
-        point.id: point
-        for point in (RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5")))
-    }
+    points = {point.id: point for point in _whole_points(points_folder)}
     for name, verdict in campaign_verdicts(tuple(points.values())).items():
         path = points[name].path
         if path is None:

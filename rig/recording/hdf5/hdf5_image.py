@@ -33,7 +33,7 @@ from rig.signals.chunked_column import parts
 if TYPE_CHECKING:
     import h5py
 
-    from rig.recording.layout import Attribute, Event, PointFile, RawChannel
+    from rig.recording.layout import Attribute, CycleTable, Event, PointFile, RawChannel
     from rig.signals.chunked_column import Values
 
     Column = tuple[Values, DTypeLike]
@@ -140,6 +140,8 @@ class _Image:
         for channel in content.raw:
             self._fill_raw(channel)
         self._fill_events(content.events)
+        if content.cycles is not None:
+            self._fill_cycles(content.cycles)
         for name in ("test", "quality", "provenance"):
             self._group(f"entry/{name}", "NXcollection", getattr(content, name))
 
@@ -215,6 +217,15 @@ class _Image:
             set_attributes(h5py.Group(group).create_dataset(name, data=texts).id, {"encoding": "utf-8"})
             self.checks[f"{place}/{name}"] = StoredValues(len(texts), texts.dtype, zlib.crc32(texts.tobytes()))
         self._check()
+
+    def _fill_cycles(self, table: CycleTable) -> None:
+        group = self._group("entry/cycles", "NXcollection")
+        columns: dict[str, Column] = {"number": (table.number, np.int64), "start": (table.values["start"], np.float64)}
+        columns |= {name: (values, np.float32) for name, values in table.values.items() if name != "start"}
+        about = {"number": ("1", "Number of the cycle in its endurance test, from 1"), **table.units}
+        for name, dataset in self._write(group, "entry/cycles", columns).items():
+            unit, long_name = about[name]
+            set_attributes(dataset, {"units": unit, "long_name": long_name})
 
     def _linked(
         self, group: h5py.h5g.GroupID, place: str, name: str, key: tuple[str, int, int], column: Column

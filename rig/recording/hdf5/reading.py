@@ -171,6 +171,22 @@ def read_raw(path: Path, name: str) -> dict[str, NDArray[Any]] | None:
     return columns
 
 
+def read_cycles(path: Path) -> dict[str, NDArray[Any]] | None:
+    """The statistics of every cycle of an endurance block (k,) by name; None of any other point.
+
+    Raises:
+        FileProblem: the file cannot be trusted, or the columns differ in length.
+    """
+    with opened(path) as file:
+        if "entry/cycles" not in file:
+            return None
+        columns = {key: _values(path, dataset) for key, dataset in file["entry/cycles"].items()}
+    if "number" not in columns or len({len(column) for column in columns.values()}) > 1:
+        lengths = {key: len(column) for key, column in columns.items()}
+        raise FileProblem(str(path), [f"/entry/cycles: columns of different lengths, or no number: {lengths}"])
+    return columns
+
+
 def read_events(path: Path) -> list[tuple[int, str, str]]:
     """The events of a point: time (ns on the file's time base), slug, text.
 

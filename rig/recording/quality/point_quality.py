@@ -417,6 +417,23 @@ class RestQuality(Section):
 
 
 @dataclass(frozen=True)
+class EnduranceQuality(Section):
+    """The count of an endurance block's cycles at full amplitude.
+
+    Attributes:
+        cycles_run: run, by the displacement and by the controller's own count.
+        cycles_recorded: those with statistics.
+        unseen_cycles: that can have been run at most after the recording was cut off.
+        finished: whether the block's programme ran to its end.
+    """
+
+    cycles_run: int | None = stored("cycles_run", Stored.COUNT)
+    cycles_recorded: int | None = stored("cycles_recorded", Stored.COUNT)
+    unseen_cycles: int | None = stored("cycles_unseen_at_most", Stored.COUNT)
+    finished: bool | None = stored("block_finished", Stored.FLAG)
+
+
+@dataclass(frozen=True)
 class PointQuality(Section):
     """All that a point's file holds under `/entry/quality`.
 
@@ -425,7 +442,8 @@ class PointQuality(Section):
         lost_samples: samples that no channel delivered; `loss_counted_by` how a loss would have been seen: `sequence`,
             `rate` or `nothing`.
         recovered: whether the campaign did not end by itself.
-        skew, motion, current, force, displacement, loop, rest: what was measured; signal: only of such a motion.
+        skew, motion, current, force, displacement, loop, rest: what was measured; signal: only of such a motion,
+            endurance: only of a block of an endurance test.
         tolerances: what the bench allowed; None where the file does not say.
         time, record: of an imported test: how its times were found, and how much of its record it uses.
         coil_low_degC, coil_high_degC: the coil's temperature over the full cycles.
@@ -439,6 +457,7 @@ class PointQuality(Section):
     skew: SkewQuality = field(default_factory=SkewQuality, metadata=section(SkewQuality))
     motion: MotionQuality = field(default_factory=MotionQuality, metadata=section(MotionQuality))
     signal: SignalQuality | None = field(default=None, metadata=section(SignalQuality, optional=True))
+    endurance: EnduranceQuality | None = field(default=None, metadata=section(EnduranceQuality, optional=True))
     current: CurrentQuality = field(default_factory=CurrentQuality, metadata=section(CurrentQuality))
     force: SensorQuality = field(default_factory=SensorQuality, metadata=FORCE)
     displacement: SensorQuality = field(default_factory=SensorQuality, metadata=DISPLACEMENT)

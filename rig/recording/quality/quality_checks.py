@@ -7,7 +7,7 @@ file, `judgement.judge` gives the verdict.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -29,13 +29,15 @@ from rig.signals.current_error import law_error_A, loop_error_A, program_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 from rig.signals.peak_force import PeakForce, peak_force
-from rig.test_point import LOOP, TestPoint
+from rig.test_point import ENDURANCE, TestPoint
 
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 SATURATION_SHARE = 0.999
 TEMPERATURE_REACH_S = 0.5
 LARGEST_DISORDER = 0.001
+EVALUATED_CYCLES, SPARE_CYCLES = 100, 5
+"""Last cycles of a block of an endurance test that its verdict is given by, and what is added for its end at rest."""
 VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, "iteration": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
@@ -55,6 +57,8 @@ def evaluated(
     """
     point = context.point
     seen = _overview(alignment, point.frequency_Hz)
+    if point.kind == ENDURANCE and point.cyclic:
+        seen = _last_cycles(seen, point)
     motion = measured_motion(seen.time_s, seen.displacement_m, point.waveform) if point.cyclic else None
     tracking = tracking_of(point, alignment, seen)
     evidence, shape, peak = examine(content, context, alignment, seen, motion, tracking)
@@ -83,6 +87,16 @@ def _overview(alignment: Alignment, frequency_Hz: float) -> Overview:
     return Overview(time_s, *values)
 
 
+def _last_cycles(seen: Overview, point: TestPoint) -> Overview:
+    """The last cycles of a block of an endurance test, by which it is judged: there may be thousands.
+
+    All of its cycles are counted and described elsewhere (`rig.recording.conversion.endurance_block`).
+    """
+    length_s = (EVALUATED_CYCLES + SPARE_CYCLES + point.ramp_out_cycles) / point.frequency_Hz
+    rows = slice(int(np.searchsorted(seen.time_s, seen.time_s[-1] - length_s)), None)
+    return Overview(*(getattr(seen, column.name)[rows] for column in fields(seen)))
+
+
 def _every(values: Values, every: int) -> FloatArray:
     if every == 1:
         return np.asarray(values, np.float64)
@@ -109,18 +123,20 @@ def examine(
             shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
     peak = peak_force(seen.time_s[inside], seen.force_N[inside], None if motion is None else starts)
     frequency_Hz = point.frequency_Hz
+    if point.kind == ENDURANCE:  # that its force changes is its result
+        shape = None
     period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
     findings = PointEvidence(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        requested_cycles=float(point.cycles) if point.cyclic else 0.0, requested_amplitude_m=point.amplitude_m,
+        requested_cycles=_requested_cycles(point), requested_amplitude_m=point.amplitude_m,
         requested_frequency_Hz=point.highest_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
         current_error_A=_current_error_A(seen, point, alignment, starts),
-        amplitude_tolerance=context.commanded.amplitude_tolerance if point.kind == LOOP else None,
+        amplitude_tolerance=context.commanded.amplitude_tolerance if point.adapts else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
@@ -142,6 +158,13 @@ def examine(
         damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
     )
     return findings, shape, peak
+
+
+def _requested_cycles(point: TestPoint) -> float:
+    """Cycles that a valid recording must have among those that are judged."""
+    if not point.cyclic:
+        return 0.0
+    return float(min(point.cycles, EVALUATED_CYCLES) if point.kind == ENDURANCE else point.cycles)
 
 
 def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:

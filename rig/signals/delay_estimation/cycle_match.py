@@ -215,7 +215,7 @@ def _rests(
     table, period_s = series.table(), math.tau / series.omega_rad_s
     phase = (at_s - series.origin_s) / period_s
     places = np.mod(phase[None, :] + (lags_s / period_s)[:, None], 1.0) * GRID
-    low = places.astype(np.int64)
+    low = np.minimum(places.astype(np.int64), GRID - 1)  # the remainder of a small negative number is 1.0
     shown = table[low] + (places - low) * (table[low + 1] - table[low])
     shown -= (shown @ basis) @ basis.T
     centred = target - basis @ (basis.T @ target)

@@ -1,0 +1,269 @@
+"""Endurance tests of a campaign by the files of their blocks: cycles run, recorded and missing; wear; forecasts.
+
+The files are the only record: each states its block, the cycles before it, and how many cycles it holds. A block that
+was interrupted has several files, one for each piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.campaign_folder import CampaignFolder
+from rig.errors import FileProblem
+from rig.recording.hdf5.reading import read_cycles
+from rig.recording.point_files import FILE, OLD_FILE
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.wear_trend import (
+    QUANTITIES,
+    Forecast,
+    Sections,
+    StopRule,
+    baseline_of,
+    changes,
+    forecast,
+    sections_of,
+)
+from rig.test_point import ENDURANCE, EnduranceStep
+from rig.text_file import read_json
+
+RUNNING, COMPLETE, ENDED = "running", "complete", "ended by a stop rule"
+
+
+@dataclass(frozen=True)
+class BlockPiece:
+    """What one file holds of a block.
+
+    Attributes:
+        point: id of the block's point.
+        step: its position in the test, the cycles before this piece included.
+        run: cycles that were run.
+        recorded: those with statistics.
+        unseen: cycles that can have been run at most after the recording was cut off.
+        verdict: of the file.
+        sections: of its cycles.
+        file: its name.
+    """
+
+    point: str
+    step: EnduranceStep
+    run: int
+    recorded: int
+    unseen: int
+    verdict: str
+    sections: Sections
+    file: str = ""
+
+
+def read_piece(file: Path) -> BlockPiece | None:
+    """What a file holds of a block of an endurance test; None of another point.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    return piece_of(RecordedPoint.open(file, whole=False), file)
+
+
+def piece_of(recorded: RecordedPoint, file: Path) -> BlockPiece | None:
+    """As `read_piece`, of a file whose description was read.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    step, counted = recorded.endurance, recorded.quality.endurance
+    if recorded.kind != ENDURANCE or step is None or counted is None:
+        return None
+    columns = read_cycles(file) or {}
+    numbers = np.asarray(columns.get("number", ()), np.float64)
+    nothing = np.full(numbers.size, np.nan)
+    statistics = {name: np.asarray(columns.get(name, nothing), np.float64) for name in QUANTITIES}
+    return BlockPiece(
+        str(recorded.provenance.get("point", recorded.id)), step, counted.cycles_run or 0,
+        counted.cycles_recorded or 0, counted.unseen_cycles or 0, recorded.verdict,
+        sections_of(numbers, step.block, statistics), file.name,
+    )
+
+
+def read_pieces(points: Path) -> tuple[list[BlockPiece], list[str]]:
+    """The pieces of all endurance tests in a campaign's `points/`, each recording once, and why files were left out."""
+    pieces: dict[str, BlockPiece] = {}
+    problems: list[str] = []
+    for file in sorted(file for ending in (FILE, OLD_FILE) for file in points.glob(f"*{ending}")):
+        try:
+            recorded = RecordedPoint.open(file, whole=False)
+            piece = piece_of(recorded, file)
+        except FileProblem as error:
+            problems += [f"{points.name}/{file.name}: {problem}" for problem in error.problems]
+            continue
+        if piece is not None:
+            pieces.setdefault(str(recorded.provenance.get("journal_check") or file.name), piece)
+    return list(pieces.values()), problems
+
+
+class EnduranceLedger:
+    """The pieces of one endurance test.
+
+    Args:
+        test: its id.
+        rules: stop rules.
+        run_in: cycles of the running-in.
+    """
+
+    def __init__(self, test: str, rules: Sequence[StopRule] = (), run_in: int = 0) -> None:
+        self.test = test
+        self.rules = tuple(rules)
+        self._run_in = run_in
+        self._pieces: list[BlockPiece] = []
+        self._lost: dict[str, int] = {}
+        self._joined: Sections | None = None
+
+    def add(self, piece: BlockPiece) -> None:
+        """Enter a piece; one of a file that is known already replaces it."""
+        follows = not self._pieces or _place(piece) > _place(self._pieces[-1])
+        if not follows:
+            self._pieces = [known for known in self._pieces if known.file != piece.file]
+        self._pieces.append(piece)
+        if not follows:
+            self._pieces.sort(key=_place)
+            self._joined = None
+        elif self._joined is not None:  # thousands of blocks are entered one after the other
+            self._joined = Sections.joined([self._joined, piece.sections])
+
+    def lose(self, attempt: str, cycles: int) -> None:
+        """Enter an attempt at a block of which no file exists: at most so many cycles were run."""
+        self._lost[attempt] = cycles
+
+    @property
+    def pieces(self) -> tuple[BlockPiece, ...]:
+        """In the order of their cycles."""
+        return tuple(self._pieces)
+
+    @property
+    def cycles_run(self) -> int:
+        """Cycles that are known to have been run."""
+        return sum(piece.run for piece in self._pieces)
+
+    @property
+    def cycles_recorded(self) -> int:
+        """Cycles with statistics."""
+        return sum(piece.recorded for piece in self._pieces)
+
+    @property
+    def unrecorded_at_most(self) -> int:
+        """Cycles that can have been run at most after recordings were cut off; they are in no other count."""
+        return sum(piece.unseen for piece in self._pieces) + sum(self._lost.values())
+
+    def run_of(self, block: int) -> int:
+        """Cycles that were run of one block."""
+        return sum(piece.run for piece in self._pieces if piece.step.block == block)
+
+    @property
+    def sections(self) -> Sections:
+        """Medians over all cycles that were recorded."""
+        if self._joined is None:
+            self._joined = Sections.joined([piece.sections for piece in self._pieces])
+        return self._joined
+
+    @property
+    def reached(self) -> str:
+        """Name of the stop rule that the last section has reached; empty where it has reached none."""
+        sections = self.sections
+        baseline = baseline_of(sections, self._run_in)
+        for rule in self.rules if len(sections) else ():
+            if changes(rule, sections, baseline)[-1] >= rule.limit:
+                return rule.name
+        return ""
+
+    def to_json(self, planned: int) -> dict[str, Any]:
+        """The test in numbers: one entry of `endurance` in `rig run --json`.
+
+        Args:
+            planned: cycles of the whole test.
+        """
+        sections = self.sections
+        baseline = baseline_of(sections, self._run_in)
+        reached, run = self.reached, self.cycles_run
+        return {
+            "id": self.test,
+            "state": ENDED if reached else COMPLETE if run >= planned else RUNNING,
+            "ended_by": reached or None,
+            "cycles_planned": planned, "cycles_run": run, "cycles_recorded": self.cycles_recorded,
+            "cycles_unrecorded_at_most": self.unrecorded_at_most,
+            "pieces": len(self._pieces), "run_in_cycles": self._run_in,
+            "baseline": {name: _finite(value) for name, value in baseline.items()} if len(sections) else None,
+            "last": {name: _finite(values[-1]) for name, values in sections.medians.items()} if len(sections) else None,
+            "rules": [self._rule_json(rule, sections, baseline) for rule in self.rules],
+        }  # fmt: skip
+
+    def _rule_json(self, rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> dict[str, Any]:
+        change, expected = self.followed(rule, sections, baseline)
+        return {
+            "name": rule.name, "limit": rule.limit, "relative": rule.relative,
+            "value": _finite(change[-1]) if change.size else None,
+            "forecast": dict(zip(("state", "cycles", "low", "high"), expected, strict=True)),
+        }
+
+    def followed(
+        self, rule: StopRule, sections: Sections | None = None, baseline: Mapping[str, float] | None = None
+    ) -> tuple[np.ndarray[Any, np.dtype[np.float64]], Forecast]:
+        """How far each section is toward a rule's limit, and when it will be reached."""
+        sections = self.sections if sections is None else sections
+        baseline = baseline_of(sections, self._run_in) if baseline is None else baseline
+        change = changes(rule, sections, baseline)
+        after = sections.cycle > self._run_in
+        return change, forecast(sections.cycle[after], change[after], rule.limit)
+
+
+def withdrawn_points(folder: Path) -> frozenset[str]:
+    """Ids of points that a campaign did not run, since a stop rule ended their test, by its `endurance.json`."""
+    file = CampaignFolder(folder).endurance
+    if not file.is_file():
+        return frozenset()
+    try:
+        tests = read_json(file)["tests"]
+        return frozenset(str(point) for test in tests for point in test["withdrawn"])
+    except (FileProblem, KeyError, TypeError):
+        return frozenset()
+
+
+def _place(piece: BlockPiece) -> tuple[int, int, str]:
+    return piece.step.block, piece.step.cycles_before, piece.file
+
+
+def ledgers_of(
+    pieces: Iterable[BlockPiece], tests: Mapping[str, tuple[Sequence[StopRule], int]]
+) -> dict[str, EnduranceLedger]:
+    """A ledger for each test of these pieces and each stated one.
+
+    Args:
+        pieces: of all tests.
+        tests: rules and running-in by id of the test.
+    """
+    ledgers = {name: EnduranceLedger(name, rules, run_in) for name, (rules, run_in) in tests.items()}
+    for piece in pieces:
+        ledgers.setdefault(piece.step.test, EnduranceLedger(piece.step.test)).add(piece)
+    return ledgers
+
+
+def performance_points(points: Iterable[RecordedPoint], test: str) -> Iterator[tuple[int, RecordedPoint]]:
+    """The performance points of a test and those before its first cycle, with the cycles run before each.
+
+    Before the first cycle are the points outside any test whose motion and current one of the others has.
+    """
+    points = [point for point in points if point.kind != ENDURANCE and point.verdict != "invalid"]
+    later = [point for point in points if point.endurance is not None and point.endurance.test == test]
+    motions = {_motion(point) for point in later}
+    yield from ((0, point) for point in points if point.endurance is None and _motion(point) in motions)
+    yield from ((point.endurance.cycles_before, point) for point in later if point.endurance is not None)
+
+
+def _motion(point: RecordedPoint) -> tuple[object, ...]:
+    return point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, point.repeat
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,278 @@
+"""The report's section on endurance tests: cycles, wear over the cycles, stop rules, performance points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.characteristics.endurance_tests import EnduranceTest
+from rig.display import Display
+from rig.document.blocks import (
+    Blocks,
+    Column,
+    Fact,
+    Facts,
+    Figures,
+    Heading,
+    Keys,
+    Note,
+    Paragraph,
+    Row,
+    section,
+    table,
+)
+from rig.document.figure import Axis, Figure, Panels, Style, Trace, thinned
+from rig.document.numbers import NOTHING, number
+from rig.document.style import FITTED, MEASURED, RESIDUAL, current_colour
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Key, Severity
+from rig.recording.endurance import COMPLETE, ENDED
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.wear_trend import RULES, Forecast, Sections, StopRule
+
+NOTE = (
+    "The specimen was cycled in blocks; the points of the matrix were repeated between them. Statistics are kept of "
+    "every cycle. Each point of the plots is the median of a section of a block. Changes are relative to the first "
+    "block after the running-in. Forecast: cycles at which a straight line through the last half of the sections "
+    "reaches the limit, with its 95 % interval."
+)
+MOST_DRAWN = 2000
+MOST_ROUNDS = 7
+"""Loops of performance points that a figure shows: the first, the last, and some between."""
+NEAR_LIMIT = 0.7
+"""Share of a limit from which a rule's row is marked."""
+RULE_HEAD = (
+    Column("Stop rule"), Column("Limit", "", True), Column("Last value", "", True),
+    Column("Forecast", "cycles", True), Column("95 % interval", "cycles", True),
+)  # fmt: skip
+PERFORMANCE_HEAD = (
+    Column("Motion"), Column("Current", "A", True), Column("Cycles before", "", True),
+)
+WIDTH, HEIGHT = 460, 240
+
+
+def endurance_section(tests: Sequence[EnduranceTest], display: Display) -> Blocks:
+    """Tables and plots of the run's endurance tests; empty without any."""
+    if not tests:
+        return []
+    parts: Blocks = [*section("Endurance", NOTE)]
+    for test in tests:
+        parts += [
+            Heading(f"{test.ledger.test}: {test.motion.phrase(display)}", 3), *_counts(test), *_rules(test),
+            *_wear(test, display), *_performance(test, display), *_interrupted(test),
+        ]  # fmt: skip
+    return parts
+
+
+def _counts(test: EnduranceTest) -> Blocks:
+    shown = test.to_json()
+    state = str(shown["state"])
+    severity = {COMPLETE: GOOD, ENDED: FAIR}.get(state, PLAIN)
+    facts = [
+        Fact(f"{shown['cycles_run']:,} of {shown['cycles_planned']:,}", "cycles run", severity),
+        Fact(f"{shown['cycles_recorded']:,}", "cycles with statistics"),
+    ]
+    missing = shown["cycles_run"] - shown["cycles_recorded"]
+    if missing:
+        facts.append(Fact(f"{missing:,}", "cycles run with incomplete samples", FAIR))
+    if shown["cycles_unrecorded_at_most"]:
+        facts.append(Fact(f"up to {shown['cycles_unrecorded_at_most']:,}", "further cycles ran without a record", FAIR))
+    ended = RULES[shown["ended_by"]].words if shown["ended_by"] else ""
+    notes: Blocks = [Note(FAIR, f"A stop rule ended the test: {ended}.")] if ended else []
+    return [Facts(tuple(facts)), *notes]
+
+
+def _rules(test: EnduranceTest) -> Blocks:
+    rows = []
+    for rule in test.ledger.rules:
+        change, expected = test.ledger.followed(rule)
+        last = float(change[-1]) if change.size else np.nan
+        cycles, interval = _forecast(expected)
+        cells = (_capital(RULES[rule.name].words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
+        rows.append(Row(cells, _severity(rule, last)))
+    return [table(RULE_HEAD, rows)] if rows else []
+
+
+def _severity(rule: StopRule, last: float) -> Severity:
+    if not np.isfinite(last):
+        return PLAIN
+    return POOR if last >= rule.limit else FAIR if last >= NEAR_LIMIT * rule.limit else PLAIN
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _value(rule: StopRule, value: float) -> str:
+    if not np.isfinite(value):
+        return NOTHING
+    return f"{number(100.0 * value, 3)} %" if rule.relative else f"{number(value, 3)} degC"
+
+
+def _forecast(expected: Forecast) -> tuple[str, str]:
+    """Estimate and interval, in words."""
+    if expected.state == "reached":
+        return f"reached at {_rounded(expected.cycles)}", NOTHING
+    if expected.state == "trend":
+        return _rounded(expected.cycles), f"{_rounded(expected.low)} to {_rounded(expected.high)}"
+    if expected.state == "unknown":
+        return "too few cycles", NOTHING
+    return "no trend toward the limit", NOTHING if expected.low is None else f"not before {_rounded(expected.low)}"
+
+
+def _rounded(cycles: float | None) -> str:
+    """To three digits."""
+    return NOTHING if cycles is None else f"{int(float(f'{cycles:.3g}')):,}"
+
+
+def _wear(test: EnduranceTest, display: Display) -> Blocks:
+    """Medians of the sections over the cycles, and the limits of the stop rules."""
+    sections = test.ledger.sections
+    if not len(sections):
+        return []
+    rows = thinned(len(sections), MOST_DRAWN)
+    cycles, axis = sections.cycle[rows], Axis("Cycles")
+    figures = [
+        Figure(
+            axis, Axis(title, unit), [Trace(cycles, values[rows], Style.POINTS, colour=MEASURED)], WIDTH, HEIGHT, title
+        )
+        for title, unit, values in _columns(sections, display) if np.any(np.isfinite(values))
+    ]
+    figures += list(_rule_figures(test, rows))
+    return [
+        Keys((Key("median of a section", MEASURED), Key("limit", FITTED), Key("forecast", RESIDUAL))),
+        Figures((Panels(tuple(figures), 2, "Wear over the cycles"),)),
+    ]
+
+
+def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, str, FloatArray]]:
+    medians, force = sections.medians, display.force
+    yield "Peak force, rebound", force.unit, np.asarray(force.signed(medians["force_max"]))
+    yield "Peak force, compression", force.unit, np.asarray(force.signed(medians["force_min"]))
+    yield "Energy per cycle", "J", medians["energy"]
+    yield "Friction", force.unit, np.asarray(force.value(medians["friction"]))
+    yield "Mean force", force.unit, np.asarray(force.signed(medians["mean_force"]))
+    yield "Coil temperature", "degC", medians["temperature"]
+
+
+def _rule_figures(test: EnduranceTest, rows: NDArray[np.int64]) -> Iterator[Figure]:
+    """Each relative stop rule: change, limit, and the straight line of the forecast."""
+    cycles = test.ledger.sections.cycle
+    for rule in test.ledger.rules:
+        change, expected = test.ledger.followed(rule)
+        if not rule.relative or not np.any(np.isfinite(change)):
+            continue
+        end = max(float(cycles[-1]), min(float(test.planned), expected.cycles or 0.0))
+        limit = np.full(2, 100.0 * rule.limit)
+        traces = [
+            Trace(cycles[rows], 100.0 * change[rows], Style.POINTS, colour=MEASURED),
+            Trace(np.array([0.0, end]), limit, name="limit", colour=FITTED),
+        ]
+        if expected.state == "trend" and expected.cycles is not None:
+            last = int(np.flatnonzero(np.isfinite(change))[-1])
+            line = np.array([100.0 * change[last], 100.0 * rule.limit])
+            traces.append(Trace(np.array([cycles[last], expected.cycles]), line, Style.THIN, "forecast", RESIDUAL))
+        title = _capital(RULES[rule.name].words)
+        yield Figure(Axis("Cycles"), Axis(title, "%"), traces, WIDTH, HEIGHT, title)
+
+
+Rounds = Mapping[tuple[object, ...], list[tuple[int, RecordedPoint]]]
+
+
+def _performance(test: EnduranceTest, display: Display) -> Blocks:
+    """Peak forces of the performance points over the cycles, and their loops one over the other."""
+    motions: dict[tuple[object, ...], list[tuple[int, RecordedPoint]]] = {}
+    for cycles, point in test.performance:
+        key = point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A
+        motions.setdefault(key, []).append((cycles, point))
+    several = {key: rounds for key, rounds in motions.items() if len({cycles for cycles, _ in rounds}) > 1}
+    if not several:
+        return []
+    return [
+        Heading("Performance points", 4), *_peak_table(several, display),
+        Keys(tuple(_keys(several))), Figures((Panels(tuple(_loops(several, display)), 2, "Performance points"),)),
+    ]  # fmt: skip
+
+
+def _peak_table(motions: Rounds, display: Display) -> Blocks:
+    shown = display.force
+    head = (
+        *PERFORMANCE_HEAD, Column("Peak rebound", shown.unit, True), Column("Change", "%", True),
+        Column("Peak compression", shown.unit, True), Column("Change", "%", True),
+    )  # fmt: skip
+    rows = []
+    for rounds in motions.values():
+        first = rounds[0][1].peak_force_N
+        for cycles, point in rounds:
+            peak = point.peak_force_N
+            if not peak.known:
+                continue
+            size = f"{point.waveform} {display.displacement.text(point.amplitude_m)} {point.frequency_Hz:.4g} Hz"
+            rows.append((
+                size, f"{point.current_A:.3g}", f"{cycles:,}",
+                number(shown.signed(peak.rebound_N), 4), _change(peak.rebound_N, first.rebound_N),
+                number(shown.signed(peak.compression_N), 4), _change(peak.compression_N, first.compression_N),
+            ))  # fmt: skip
+    return [table(head, rows)]
+
+
+def _change(value: float, first: float) -> str:
+    return NOTHING if not first or not np.isfinite(value / first) else f"{100.0 * (value / first - 1.0):+.1f}"
+
+
+def _shown_rounds(rounds: Sequence[tuple[int, RecordedPoint]]) -> list[tuple[int, RecordedPoint]]:
+    """One of each round, and of many rounds some, the first and the last among them."""
+    one = list({cycles: (cycles, point) for cycles, point in rounds}.values())
+    return [one[place] for place in thinned(len(one), MOST_ROUNDS)]
+
+
+def _keys(motions: Rounds) -> Iterator[Key]:
+    rounds = _shown_rounds(next(iter(motions.values())))
+    for place, (cycles, _) in enumerate(rounds):
+        words = "before the first cycle" if cycles == 0 else f"after {cycles:,} cycles"
+        yield Key(words, current_colour(place, len(rounds)))
+
+
+def _loops(motions: Rounds, display: Display) -> Iterator[Figure]:
+    """Force over displacement of one measured cycle of each round."""
+    length, force = display.displacement, display.force
+    for rounds in motions.values():
+        shown = _shown_rounds(rounds)
+        traces = []
+        for place, (cycles, point) in enumerate(shown):
+            rows = _one_cycle(point)
+            traces.append(Trace(
+                np.asarray(length.signed(point.displacement_m[rows])), np.asarray(force.signed(point.force_N[rows])),
+                name=f"{cycles:,} cycles", colour=current_colour(place, len(shown)),
+            ))  # fmt: skip
+        point = shown[0][1]
+        axes = Axis(length.title("Displacement"), length.unit), Axis(force.title("Force"), force.unit)
+        yield Figure(*axes, traces, WIDTH, HEIGHT, point.phrase(display))
+
+
+def _one_cycle(point: RecordedPoint) -> NDArray[np.int64]:
+    """Rows of the middle one of a point's full cycles."""
+    motion, time_s = point.quality.motion, point.time_s
+    if motion.start_s is None or motion.end_s is None or not motion.cycles:
+        return thinned(len(time_s))
+    period_s = (motion.end_s - motion.start_s) / motion.cycles
+    begin_s = motion.start_s + period_s * (motion.cycles // 2)
+    return np.flatnonzero((time_s >= begin_s) & (time_s <= begin_s + 1.02 * period_s)).astype(np.int64)
+
+
+def _interrupted(test: EnduranceTest) -> Blocks:
+    """The blocks that were interrupted or whose verdict is not valid."""
+    rows = [
+        (str(piece.step.block), piece.file.removesuffix(".h5"), f"{piece.step.cycles_before:,}", f"{piece.run:,}",
+         f"{piece.recorded:,}", f"up to {piece.unseen:,}" if piece.unseen else NOTHING, piece.verdict)
+        for piece in test.ledger.pieces if piece.verdict != "valid"
+    ]
+    if not rows:
+        return [Paragraph(f"All {len(test.ledger.pieces)} blocks are valid.", small=True)]
+    head = (
+        Column("Block", "", True), Column("File"), Column("Cycles before", "", True), Column("Cycles run", "", True),
+        Column("With statistics", "", True), Column("Without a record", "", True), Column("Verdict"),
+    )  # fmt: skip
+    return [Heading("Blocks that are not valid", 4), table(head, rows)]

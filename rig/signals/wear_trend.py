@@ -1,0 +1,230 @@
+"""Wear of a specimen over its cycles: medians of sections of an endurance test, stop rules, forecasts.
+
+A section is some consecutive cycles, described by the medians of their statistics (`rig.signals.cycle_statistics`).
+Change is relative to the baseline, the median of the first sections after the running-in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rig.signals.arrays import FloatArray
+
+SECTIONS_A_BLOCK = 10
+FEWEST_CYCLES = 10
+"""In a section, where the block has so many."""
+FEWEST_SECTIONS = 8
+"""For a forecast."""
+RECENT_SHARE = 0.5
+"""Of the sections, the last ones that a forecast is made from: wear is a straight line only for a while."""
+CONFIDENCE = 0.95
+STRONGEST_CORRELATION = 0.95
+QUANTITIES = (
+    "force_max", "force_min", "energy", "stiffness", "friction", "mean_force", "temperature", "current",
+)
+"""Statistics of a cycle whose medians a section has."""
+
+
+@dataclass(frozen=True)
+class StopRule:
+    """One stop rule.
+
+    Attributes:
+        name: its key in the matrix file.
+        quantities: whose change counts; of several the largest.
+        rising: whether the quantity reaches the limit upwards.
+        limit: relative change (positive), or the value itself (SI).
+        relative: whether the limit is a change relative to the baseline.
+    """
+
+    name: str
+    quantities: tuple[str, ...]
+    rising: bool
+    limit: float
+    relative: bool = True
+
+
+class RuleKind(NamedTuple):
+    """What a stop rule watches, without its limit; `words` name it for people."""
+
+    quantities: tuple[str, ...]
+    rising: bool
+    relative: bool
+    words: str
+
+
+RULES: Mapping[str, RuleKind] = {
+    "force_down": RuleKind(("force_max", "force_min"), False, True, "decrease of the peak force"),
+    "energy_down": RuleKind(("energy",), False, True, "decrease of the energy per cycle"),
+    "stiffness_down": RuleKind(("stiffness",), False, True, "decrease of the stiffness"),
+    "friction_up": RuleKind(("friction",), True, True, "increase of the friction"),
+    "gas_force_down": RuleKind(("mean_force",), False, True, "decrease of the gas force"),
+    "temperature": RuleKind(("temperature",), True, False, "coil temperature"),
+}
+"""Stop rules by their key in a matrix file."""
+
+
+def stop_rule(name: str, limit: float) -> StopRule:
+    """The rule of this name with its limit."""
+    kind = RULES[name]
+    return StopRule(name, kind.quantities, kind.rising, limit, kind.relative)
+
+
+@dataclass(frozen=True)
+class Sections:
+    """The sections of an endurance test in order, arrays (n,).
+
+    Attributes:
+        cycle: number of the last cycle of each.
+        block: number of the block of each.
+        medians: by quantity; not-a-number where it cannot be told.
+    """
+
+    cycle: FloatArray
+    block: FloatArray
+    medians: Mapping[str, FloatArray]
+
+    def __len__(self) -> int:
+        return self.cycle.size
+
+    @classmethod
+    def joined(cls, parts: Sequence[Sections]) -> Sections:
+        """Sections end to end."""
+        if not parts:
+            return NO_SECTIONS
+        medians = {name: np.concatenate([part.medians[name] for part in parts]) for name in QUANTITIES}
+        return cls(np.concatenate([p.cycle for p in parts]), np.concatenate([p.block for p in parts]), medians)
+
+
+NO_SECTIONS = Sections(np.zeros(0), np.zeros(0), dict.fromkeys(QUANTITIES, np.zeros(0)))
+
+
+def sections_of(numbers: FloatArray, block: int, statistics: Mapping[str, FloatArray]) -> Sections:
+    """The sections of the cycles of one block.
+
+    Args:
+        numbers: of the cycles (k,).
+        block: its number.
+        statistics: of each cycle (k,), at least `QUANTITIES`.
+    """
+    count = len(numbers)
+    if count == 0:
+        return NO_SECTIONS
+    sections = max(1, min(SECTIONS_A_BLOCK, count // FEWEST_CYCLES))
+    edges = np.linspace(0, count, sections + 1).round().astype(np.int64)
+    medians = {
+        name: np.array([_median(statistics[name][a:b]) for a, b in pairwise(edges)])
+        for name in QUANTITIES
+    }
+    return Sections(np.asarray(numbers, np.float64)[edges[1:] - 1], np.full(sections, float(block)), medians)
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else math.nan
+
+
+def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
+    """Baseline of each quantity: median of the first block after the running-in; not-a-number before there is one.
+
+    Args:
+        sections: of the test.
+        run_in: cycles of the running-in.
+    """
+    after = np.flatnonzero(_first_of_block(sections) >= run_in)
+    chosen = sections.block == sections.block[after[0]] if after.size else np.zeros(len(sections), bool)
+    return {name: _median(values[chosen]) for name, values in sections.medians.items()}
+
+
+def _first_of_block(sections: Sections) -> FloatArray:
+    """Cycles that were run before the block of each section."""
+    before = np.concatenate(([0.0], sections.cycle[:-1]))
+    starts = np.flatnonzero(np.diff(sections.block, prepend=-1.0))
+    return np.repeat(before[starts], np.diff(starts, append=len(sections)))
+
+
+def changes(rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> FloatArray:
+    """How far each section (n,) is toward a rule's limit, as the limit is stated: relative change or the SI value."""
+    columns = []
+    for name in rule.quantities:
+        values = sections.medians[name]
+        if rule.relative:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                change = values / baseline[name] - 1.0
+            columns.append(change if rule.rising else -change)
+        else:
+            columns.append(values if rule.rising else -values)
+    stacked = np.vstack(columns)
+    known = np.isfinite(stacked)
+    largest = np.max(np.where(known, stacked, -np.inf), axis=0, initial=-np.inf)
+    return np.where(np.any(known, axis=0), largest, np.nan)
+
+
+class Forecast(NamedTuple):
+    """When a limit will be reached, in cycles of the test.
+
+    Attributes:
+        state: `reached`; `trend` (a straight line through the last sections goes there); `none` (no significant trend
+            toward the limit); `unknown` (too few sections).
+        cycles: estimate; None without a trend.
+        low, high: 95 % interval; of `none` only `low`, before which the limit is not expected. None: not known.
+    """
+
+    state: Literal["reached", "trend", "none", "unknown"]
+    cycles: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+def forecast(cycle: FloatArray, change: FloatArray, limit: float) -> Forecast:
+    """When the straight line through the last half of the sections reaches a limit (inverse regression, Fieller).
+
+    The interval is where `(a + b n - L)^2 <= t^2 var(a + b n)`. The variance of the residuals is inflated by their
+    correlation from section to section, `(1 + r)/(1 - r)`.
+
+    Args:
+        cycle: of each section (n,).
+        change: toward the limit (n,).
+        limit: L, as the changes.
+    """
+    known = np.isfinite(change)
+    x, y = cycle[known], change[known]
+    if y.size and y[-1] >= limit:
+        over = np.flatnonzero(y < limit)
+        return Forecast("reached", float(x[over[-1] + 1] if over.size else x[0]))
+    recent = max(FEWEST_SECTIONS, math.ceil(RECENT_SHARE * y.size))
+    x, y = x[-recent:], y[-recent:]
+    if y.size < FEWEST_SECTIONS or np.ptp(x) == 0.0:
+        return Forecast("unknown")
+    from scipy.special import stdtrit  # loads scipy: only where a forecast can be made
+
+    middle, level = float(np.mean(x)), float(np.mean(y))
+    spread = float(np.sum((x - middle) ** 2))
+    slope = float(np.sum((x - middle) * (y - level))) / spread
+    left = y - level - slope * (x - middle)
+    correlation = float(np.sum(left[1:] * left[:-1]) / max(np.sum(left**2), 1e-300))
+    correlation = (correlation + 2.0 / y.size) / (1.0 - 4.0 / y.size)  # residuals of a line hide that much of it
+    correlation = min(max(correlation, 0.0), STRONGEST_CORRELATION)
+    inflation = (1.0 + correlation) / (1.0 - correlation)
+    variance = inflation * float(np.sum(left**2)) / (y.size - 2)
+    t2 = float(stdtrit(max(1.0, y.size / inflation - 2.0), 0.5 * (1.0 + CONFIDENCE))) ** 2
+    return _fieller(middle, level - limit, slope, t2 * variance / y.size, t2 * variance / spread, float(x[-1]))
+
+
+def _fieller(middle: float, above: float, slope: float, level2: float, slope2: float, last: float) -> Forecast:
+    """Roots of `(above + slope d)^2 = level2 + slope2 d^2`, d from `middle`; `above` is negative below the limit."""
+    square, linear, constant = slope**2 - slope2, above * slope, above**2 - level2
+    root = math.sqrt(max(0.0, linear**2 - square * constant))
+    if slope > 0.0 and square > 0.0:
+        low, high = (-linear - root) / square, (-linear + root) / square
+        return Forecast("trend", middle - above / slope, max(last, middle + low), middle + high)
+    # The line may be flat: the limit is reached at the earliest where the steepest line that fits crosses it.
+    steepest = slope + math.sqrt(slope2)
+    earliest = None if steepest <= 0.0 else max(last, middle - (above + math.sqrt(level2)) / steepest)
+    return Forecast("none", low=earliest)

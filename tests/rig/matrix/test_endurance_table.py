@@ -1,0 +1,120 @@
+"""`[[endurance]]` of a matrix file: its points, what is wrong with it, and digests that stay."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from rig.bench.model import Bench
+from rig.errors import FileProblem
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import plan
+from rig.test_point import ENDURANCE, LOOP
+
+ROOT = Path(__file__).resolve().parents[3]
+QUICK = (ROOT / "examples" / "quick.toml").read_text(encoding="utf-8")
+TEST = """
+[[endurance]]
+id = "wear"
+amplitude = "10 mm"
+frequency = "4 Hz"
+current = "1 A"
+cycles = 1000
+block = 150
+performance_every = 400
+full_samples_every = 50
+[endurance.stop]
+force_down = "20 %"
+temperature = "90 degC"
+"""
+
+
+def load(folder: Path, text: str) -> Matrix:
+    path = folder / "matrix.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_matrix(path)
+
+
+def problems(folder: Path, text: str) -> str:
+    with pytest.raises(FileProblem) as caught:
+        load(folder, text)
+    return "\n".join(caught.value.problems)
+
+
+def test_blocks_and_performance_points_alternate(tmp_path: Path) -> None:
+    points = load(tmp_path, QUICK + TEST).points()
+    ids = [point.id for point in points]
+    assert ids == [
+        "p001", "p002", "wear-b1", "wear-b2", "wear-b3", "p001-wear-400", "p002-wear-400", "wear-b4", "wear-b5",
+        "wear-b6", "p001-wear-800", "p002-wear-800", "wear-b7", "wear-b8", "p001-wear-1000", "p002-wear-1000",
+    ]
+    blocks = [point for point in points if point.kind == ENDURANCE]
+    assert [point.cycles for point in blocks] == [133, 133, 134, 133, 133, 134, 100, 100]
+    before = [point.endurance.cycles_before for point in blocks if point.endurance]
+    assert before == [0, 133, 266, 400, 533, 666, 800, 900]
+    last = points[-1]
+    assert (last.kind, last.endurance.cycles_before if last.endurance else None) == (LOOP, 1000)
+    assert points[0].endurance is None
+
+
+def test_blocks_without_a_size_last_at_most_ten_minutes(tmp_path: Path) -> None:
+    matrix = load(tmp_path, QUICK + TEST.replace("block = 150\n", "").replace("cycles = 1000", "cycles = 1000000"))
+    test = matrix.endurance_tests["wear"]
+    assert test.most_in_a_block == 2400
+    assert max(point.motion_s for point in matrix.points() if point.kind == ENDURANCE) <= 602.0
+
+
+def test_rules_are_in_si(tmp_path: Path) -> None:
+    (test,) = load(tmp_path, QUICK + TEST).endurance
+    assert [(rule.name, rule.limit, rule.relative) for rule in test.stop.rules] == [
+        ("force_down", 0.2, True), ("temperature", 90.0, False),
+    ]
+
+
+def test_the_digest_of_a_matrix_without_endurance_stays(tmp_path: Path) -> None:
+    assert load(tmp_path, QUICK).digest == "a00ecbc94393f97d89fd9118652dba5f2167483f9f64e264ad264408659198a6"
+    assert load(tmp_path, QUICK + TEST).digest != load(tmp_path, QUICK).digest
+
+
+def test_endurance_alone_is_no_fit(tmp_path: Path) -> None:
+    alone = re.sub(r"(?s)\[matrix\].*?\n\[campaign\]", "[campaign]", QUICK)
+    matrix = load(tmp_path, alone + TEST.replace("performance_every = 400\n", ""))
+    assert not matrix.wants_fit
+    assert all(point.kind == ENDURANCE for point in matrix.points())
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (("performance_every = 400", "performance_every = 4000"), "4000 cycles is more than the test has"),
+        (("cycles = 1000", "cycles = 5"), "endurance[1].cycles"),
+        (("block = 150", "block = 20000"), "endurance[1].block"),
+        (("block = 150", "block = 150\nrun_in = 1000"), "no cycle for the baseline"),
+        (('force_down = "20 %"', 'force_down = "120 %"'), "endurance[1].stop.force_down"),
+        (('force_down = "20 %"', 'forcedown = "20 %"'), "force_down"),
+        (("cycles = 1000\nblock = 150\nperformance_every = 400", "cycles = 10000000\nblock = 10"), "longer blocks"),
+    ],
+)
+def test_a_wrong_entry_is_named(tmp_path: Path, change: tuple[str, str], expected: str) -> None:
+    assert expected in problems(tmp_path, QUICK + TEST.replace(*change))
+
+
+def test_two_tests_of_one_name_are_refused(tmp_path: Path) -> None:
+    assert "two endurance tests have the ID 'wear'" in problems(tmp_path, QUICK + TEST + TEST)
+
+
+def test_a_block_beyond_the_machine_is_refused_and_named(tmp_path: Path) -> None:
+    matrix = load(tmp_path, QUICK + TEST.replace('frequency = "4 Hz"', 'frequency = "40 Hz"'))
+    planned = plan(matrix, Bench.load(ROOT / "examples" / "demo-bench.toml"))
+    refused = {item.point.id for item in planned.points if not item.feasible}
+    assert refused == {point.id for point in matrix.points() if point.kind == ENDURANCE}
+
+
+def test_a_plan_of_many_blocks_checks_equal_motions_once(tmp_path: Path) -> None:
+    matrix = load(tmp_path, QUICK + TEST.replace("cycles = 1000", "cycles = 200000"))
+    planned = plan(matrix, Bench.load(ROOT / "examples" / "demo-bench.toml"))
+    blocks = [item for item in planned.points if item.point.kind == ENDURANCE]
+    assert len(blocks) == 1500
+    assert len({id(item.peaks) for item in blocks}) <= 3

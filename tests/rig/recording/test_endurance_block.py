@@ -1,0 +1,205 @@
+"""A block of an endurance test from its journal to its file: every cycle counted once, some with all samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_rig import SyntheticRig
+
+from drivers.ring import Channel
+from rig.recording.conversion.conversion import finish_alone
+from rig.recording.conversion.delay_correction import retime
+from rig.recording.endurance import BlockPiece, EnduranceLedger, ledgers_of, read_piece, read_pieces
+from rig.recording.hdf5.reading import check_values, read_cycles
+from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
+from rig.signals.wear_trend import NO_SECTIONS, stop_rule
+from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
+
+CYCLES = 40
+RIG = SyntheticRig(cycles=CYCLES, frequency_Hz=4.0, noise_N=2.0)
+STEP = EnduranceStep("wear", 100, 1000, 2, CYCLES, 10, unseen_cycles=7)
+
+
+def counted(done: np.ndarray) -> np.ndarray:
+    """The controller's count of cycles, in polls of 20 ms."""
+    records = np.zeros(len(done), RECORD_DTYPE)
+    time_s = RIG.start_s - 0.4 + 0.02 * np.arange(len(done))
+    records["host_ns"], records["device_us"] = np.round(1e9 * time_s), np.round(1e6 * time_s)
+    records["value"], records["channel"] = done, Channel.CYCLES_DONE
+    return records
+
+
+def block(
+    points: Path, *, name: str = "wear-b2", step: EnduranceStep = STEP, until_s: float = np.inf, ended: bool = True,
+    stopped_by: str | None = None, count: np.ndarray | None = None, cycles: int = CYCLES, lost: slice | None = None,
+) -> Path:
+    """Write a journal, have its file made, and return the file."""
+    point = TestPoint(
+        name, "sine", RIG.amplitude_m, RIG.frequency_Hz, RIG.current_A, cycles, 1.0, 1.0, kind=ENDURANCE, endurance=step
+    )
+    context = RIG.context(point=point, provenance={"point": "wear-b2", "attempt": "1"})
+    records = RIG.records() if count is None else np.concatenate([RIG.records(), counted(count)])
+    records = records[np.argsort(records["host_ns"], kind="stable")]
+    records = records[records["host_ns"] < 1e9 * (RIG.start_s + until_s)]
+    if lost is not None:
+        of_force = np.flatnonzero(records["channel"] == Channel.FORCE)[lost]
+        records = np.delete(records, of_force)
+    points.mkdir(exist_ok=True)
+    path = points / f"{name}.journal"
+    writer = JournalWriter(path, context.to_json())
+    writer.append(records)
+    writer.close(stopped_by=stopped_by, lost_records=0)
+    if not ended:
+        path.write_bytes(path.read_bytes()[:-1])  # the end is torn, as after kill -9
+    finished = finish_alone(path, recovered=not ended)
+    assert finished.error == ""
+    return Path(finished.file)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return block(tmp_path_factory.mktemp("whole") / "points")
+
+
+def test_every_cycle_has_its_number_and_its_statistics(whole: Path) -> None:
+    columns = read_cycles(whole)
+    assert columns is not None
+    assert columns["number"].tolist() == list(range(101, 101 + CYCLES))
+    assert columns["stiffness"] == pytest.approx(RIG.stiffness, rel=0.02)
+    assert columns["damping"] == pytest.approx(RIG.damping, rel=0.02)
+    area_J = np.pi * RIG.damping * RIG.amplitude_m**2 * 2.0 * np.pi * RIG.frequency_Hz
+    assert columns["energy"] == pytest.approx(area_J, rel=0.01)
+    check_values(whole)
+
+
+def test_full_samples_are_kept_of_every_tenth_cycle(whole: Path) -> None:
+    point = RecordedPoint.open(whole)
+    columns = read_cycles(whole)
+    assert columns is not None
+    chosen = columns["number"] % 10 == 0
+    starts = columns["start"][chosen]
+    place = np.searchsorted(starts, point.time_s, side="right") - 1
+    assert np.all(place >= 0)
+    assert np.all(point.time_s < starts[place] + columns["period"][chosen][place] + 1e-6)
+    assert point.samples == pytest.approx(4 * 250.0 / RIG.frequency_Hz, abs=4)
+    raw = point.raw("force")
+    assert raw is not None
+    assert len(raw["value"]) == pytest.approx(point.samples, abs=8)
+
+
+def test_a_whole_block_is_valid_and_counted(whole: Path) -> None:
+    piece = read_piece(whole)
+    assert piece is not None
+    assert (piece.run, piece.recorded, piece.unseen, piece.verdict) == (CYCLES, CYCLES, 0, "valid")
+    assert len(piece.sections) == 4
+    assert RecordedPoint.open(whole).endurance == STEP
+
+
+def test_a_torn_journal_counts_what_it_holds_and_states_what_may_be_missing(tmp_path: Path) -> None:
+    file = block(tmp_path / "points", until_s=(1.0 + 12.6) / RIG.frequency_Hz, ended=False)
+    piece = read_piece(file)
+    assert piece is not None
+    assert (piece.run, piece.recorded, piece.unseen, piece.verdict) == (12, 12, 7, "invalid")
+    assert "INTERRUPTED" in RecordedPoint.open(file).reasons[0]
+    assert RecordedPoint.open(file).time_s[-1] > 12.0 / RIG.frequency_Hz  # the last seconds are kept
+
+
+def test_a_stopped_block_is_recorded_to_its_end(tmp_path: Path) -> None:
+    file = block(tmp_path / "points", stopped_by="ecu-silent", cycles=CYCLES + 50)
+    piece = read_piece(file)
+    assert piece is not None
+    assert (piece.run, piece.unseen) == (CYCLES, 0)
+
+
+def test_a_block_that_ends_early_after_its_last_cycle_is_valid(tmp_path: Path) -> None:
+    """Its cycles cannot be run again: they were run, and are on record."""
+    for number, end in enumerate(({"stopped_by": "ecu-silent"}, {"ended": False})):
+        file = block(tmp_path / f"points{number}", until_s=(1.0 + CYCLES + 0.6) / RIG.frequency_Hz, **end)
+        piece = read_piece(file)
+        assert piece is not None
+        assert (piece.run, piece.unseen, piece.verdict) == (CYCLES, 0, "valid")
+
+
+def test_samples_that_end_before_the_motion_leave_cycles_without_a_record(tmp_path: Path) -> None:
+    """The station was killed: the application ends the journal in good order, but the rod went on for a while."""
+    file = block(tmp_path / "points", until_s=(1.0 + 9.5) / RIG.frequency_Hz, stopped_by="task-dies")
+    piece = read_piece(file)
+    assert piece is not None
+    assert (piece.run, piece.unseen) == (9, 7)
+
+
+def test_the_count_of_the_program_before_is_not_that_of_a_block_that_was_cut_off(tmp_path: Path) -> None:
+    """The controller shows the cycles of its last program until the next one starts."""
+    stale = np.full(30, CYCLES + 2.0)
+    reset = np.concatenate([stale, np.arange(4.0)])
+    for number, count in enumerate((stale, reset), start=1):
+        file = block(
+            tmp_path / f"points{number}", until_s=(1.0 + 5.5) / RIG.frequency_Hz, ended=False, count=count
+        )
+        piece = read_piece(file)
+        assert piece is not None
+        assert piece.run == 5
+
+
+def test_cycles_whose_samples_are_missing_were_run_all_the_same(tmp_path: Path) -> None:
+    file = block(tmp_path / "points", lost=slice(1000, 1200))
+    piece = read_piece(file)
+    assert piece is not None
+    assert piece.run == CYCLES
+    assert CYCLES - 6 <= piece.recorded <= CYCLES - 3
+
+
+def test_ramps_are_no_cycles_of_the_test(tmp_path: Path) -> None:
+    """A block whose rest has fewer cycles than are seen at full amplitude counts no more than were requested."""
+    piece = read_piece(block(tmp_path / "points", cycles=CYCLES - 2))
+    assert piece is not None
+    assert piece.run == CYCLES - 2
+
+
+def test_blocks_are_left_out_when_delays_are_corrected_together(whole: Path) -> None:
+    assert list(retime(whole.parent)) == []
+
+
+def test_a_copied_file_is_counted_once(whole: Path, tmp_path: Path) -> None:
+    for name in ("wear-b2.h5", "copy.h5"):
+        (tmp_path / name).write_bytes(whole.read_bytes())
+    (tmp_path / "broken.h5").write_bytes(b"nothing")
+    pieces, problems = read_pieces(tmp_path)
+    assert [piece.run for piece in pieces] == [CYCLES]
+    assert len(problems) == 1
+
+
+def piece(number: int, before: int, run: int, force_N: float, unseen: int = 0) -> BlockPiece:
+    sections = replace(
+        NO_SECTIONS, cycle=np.array([float(before + run)]), block=np.array([float(number)]),
+        medians={name: np.array([force_N]) for name in NO_SECTIONS.medians},
+    )
+    step = EnduranceStep("wear", before, 300, number, 100, 10)
+    return BlockPiece(f"wear-b{number}", step, run, run, unseen, "valid", sections, f"wear-b{number}-{before}.h5")
+
+
+def test_a_ledger_adds_the_pieces_of_a_block_and_knows_what_is_missing() -> None:
+    ledger = EnduranceLedger("wear", (stop_rule("force_down", 0.2),))
+    ledger.add(piece(1, 0, 100, 1000.0))
+    ledger.add(piece(2, 100, 30, 900.0, unseen=4))
+    ledger.add(piece(2, 130, 70, 850.0))
+    ledger.lose("wear-b3 0", 100)
+    assert (ledger.cycles_run, ledger.run_of(2), ledger.unrecorded_at_most) == (200, 100, 104)
+    assert ledger.reached == ""
+    assert ledger.to_json(300)["state"] == "running"
+    ledger.add(piece(3, 200, 100, 790.0))
+    answer = ledger.to_json(300)
+    assert (ledger.reached, answer["state"], answer["ended_by"]) == ("force_down", "ended by a stop rule", "force_down")
+    assert answer["rules"][0]["value"] == pytest.approx(0.21)
+
+
+def test_pieces_are_sorted_into_their_tests_in_any_order() -> None:
+    pieces = [piece(3, 200, 100, 790.0), piece(1, 0, 100, 1000.0), piece(2, 100, 100, 900.0)]
+    ledger = ledgers_of(pieces, {"wear": ((stop_rule("force_down", 0.2),), 0)})["wear"]
+    assert ledger.sections.cycle.tolist() == [100.0, 200.0, 300.0]
+    assert ledger.reached == "force_down"

@@ -1,0 +1,104 @@
+"""Sections of an endurance test, stop rules, and forecasts whose intervals hold the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rig.signals.wear_trend import (
+    QUANTITIES,
+    RULES,
+    Sections,
+    baseline_of,
+    changes,
+    forecast,
+    sections_of,
+    stop_rule,
+)
+
+
+def statistics(count: int, **values: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: values.get(name, np.full(count, 1.0)) for name in QUANTITIES}
+
+
+def test_a_block_has_ten_sections_and_a_short_one_fewer() -> None:
+    numbers = np.arange(101, 701)
+    sections = sections_of(numbers, 2, statistics(600, force_max=numbers.astype(float)))
+    assert len(sections) == 10
+    assert sections.cycle[-1] == 700
+    assert sections.medians["force_max"][0] == pytest.approx(130.5)
+    assert len(sections_of(np.arange(1, 26), 1, statistics(25))) == 2
+    assert len(sections_of(np.arange(1, 4), 1, statistics(3))) == 1
+
+
+def test_the_baseline_is_the_first_block_after_the_running_in() -> None:
+    parts = [
+        sections_of(np.arange(100 * n + 1, 100 * n + 101), n + 1, statistics(100, force_max=np.full(100, 10.0 - n)))
+        for n in range(4)
+    ]
+    sections = Sections.joined(parts)
+    assert baseline_of(sections, 0)["force_max"] == 10.0
+    assert baseline_of(sections, 150)["force_max"] == 8.0
+    assert np.isnan(baseline_of(sections, 1000)["force_max"])
+
+
+@pytest.mark.parametrize(
+    ("rule", "limit", "values", "expected"),
+    [
+        ("force_down", 0.2, {"force_max": 900.0, "force_min": -700.0}, 0.3),
+        ("friction_up", 0.5, {"friction": 1500.0}, 0.5),
+        ("gas_force_down", 0.3, {"mean_force": 600.0}, 0.4),
+        ("temperature", 90.0, {"temperature": 85.0}, 85.0),
+    ],
+)
+def test_a_rule_measures_the_change_toward_its_limit(
+    rule: str, limit: float, values: dict[str, float], expected: float
+) -> None:
+    last = {name: np.array([values.get(name, 1000.0)]) for name in QUANTITIES}
+    sections = Sections(np.array([10.0]), np.array([1.0]), last)
+    baseline = {name: -1000.0 if name == "force_min" else 1000.0 for name in QUANTITIES}
+    assert changes(stop_rule(rule, limit), sections, baseline)[0] == pytest.approx(expected)
+
+
+def test_every_rule_is_known() -> None:
+    assert set(RULES) == {
+        "force_down", "energy_down", "stiffness_down", "friction_up", "gas_force_down", "temperature",
+    }
+
+
+def test_a_rule_on_what_cannot_be_told_says_nothing() -> None:
+    nothing = Sections(np.array([10.0]), np.array([1.0]), {name: np.array([np.nan]) for name in QUANTITIES})
+    change = changes(stop_rule("friction_up", 0.5), nothing, dict.fromkeys(QUANTITIES, np.nan))
+    assert np.isnan(change[0])
+    assert not change[0] >= 0.5
+
+
+def test_forecast_intervals_hold_the_truth_in_95_percent() -> None:
+    random = np.random.default_rng(4)
+    cycle = np.arange(1, 41) * 1000.0
+    held = total = 0
+    for _ in range(400):
+        expected = forecast(cycle, 0.1 * cycle / 40000.0 + 0.004 * random.normal(size=40), 0.2)
+        assert expected.low is not None
+        if expected.state == "trend":
+            assert expected.high is not None
+            total += 1
+            held += expected.low <= 80_000.0 <= expected.high
+    assert total > 390
+    assert 0.92 <= held / total <= 0.99
+
+
+def test_without_a_trend_there_is_no_forecast() -> None:
+    random = np.random.default_rng(5)
+    cycle = np.arange(1, 41) * 1000.0
+    flat = forecast(cycle, 0.001 * random.normal(size=40), 0.2)
+    assert (flat.state, flat.cycles) == ("none", None)
+    away = forecast(cycle, -0.1 * cycle / 40000.0, 0.2)
+    assert (away.state, away.low) == ("none", None)
+    assert forecast(cycle[:5], cycle[:5] / 1e5, 0.2).state == "unknown"
+
+
+def test_a_limit_that_was_reached_states_when() -> None:
+    cycle = np.arange(1, 41) * 1000.0
+    reached = forecast(cycle, 0.01 * np.arange(1, 41), 0.3)
+    assert (reached.state, reached.cycles) == ("reached", 30_000.0)
