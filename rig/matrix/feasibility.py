@@ -105,6 +105,7 @@ def _of_block(point: TestPoint, bench: Bench) -> Iterator[Reason]:
         )
         yield Reason("block", text, point.cycles / most)
 
+
 def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Travel limits that the motion exceeds; if it keeps them, those that a halt at some instant would exceed."""
     limits, specimen, shown = bench.limits, matrix.specimen, display_of(bench.display, matrix.display).displacement

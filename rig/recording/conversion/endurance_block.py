@@ -34,7 +34,7 @@ from rig.test_point import TestPoint
 SAMPLES_AT_ONCE = 200_000
 BEFORE_THE_END_S = 10.0
 """Samples kept before the end of a block that was stopped or cut off."""
-INTERRUPTED, TRIPPED = "INTERRUPTED", "trip"
+AFTERWARDS = frozenset({"INTERRUPTED", "trip", "journal-damaged"})
 """Reasons for which a block is invalid as long as some of its cycles are missing."""
 LAST_S, STILL_SHARE = 0.1, 0.05
 """Time at the end of the samples over which a rod at rest moves less than this share of the amplitude."""
@@ -80,9 +80,8 @@ def reduced(
     table = CycleTable(numbers.astype(np.int64), statistics, UNITS)
     windows = _windows(statistics, numbers, 1 if step is None else max(1, step.keep_every), alignment, cut=not finished)
     verdict = quality.verdict
-    if finished:  # what came after its last cycle takes nothing from it
-        stopped = str((content.end or {}).get("stopped_by"))
-        verdict = verdict.replaced({INTERRUPTED, TRIPPED, stopped}, ())
+    if finished and recorded == run:  # what came after its last cycle takes nothing from it
+        verdict = verdict.replaced({*AFTERWARDS, str((content.end or {}).get("stopped_by"))}, ())
     quality = replace(quality, verdict=verdict, endurance=endurance, motion=replace(
         quality.motion, cycle_amplitude_m=None, cycle_mean_m=None, cycle_frequency_Hz=None, cycle_distortion=None,
         cycle_phase_deg=None,
