@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from protocols.near_miss import near_names
 from rig.campaign_folder import LOGS
 from rig.cli.options import Command, QuantityOption, json_option
-from rig.cli.output import console, job_bar, say, show, shown_path, write_json, write_pdf
+from rig.cli.output import console, progress_bar, say, show, shown_path, write_json, write_pdf
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 from rig.recording.atomic_write import write_text_durably
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rig.results.reader import ResultRow
 
 KINDS = ("charts", "golden", "gauge")
+TEMPERATURE = "coil_temperature"
 MOST_SHOWN = 20
 """Rows of a table on the terminal."""
 
@@ -125,15 +127,30 @@ def _rows(
     from rig.results.reader import ResultFilter, open_results, result_rows
 
     rows: list[ResultRow] = []
-    with job_bar("reading new runs") as show_progress:
-        opened = open_results(folder, url, lambda done, total: show_progress(done, total))
-        with opened as (database, _):
-            for name in quantity or (None,):
-                wanted: dict[str, Any] = {**filters, "quantity": name, "current_A": current}
-                rows += result_rows(database, ResultFilter(**wanted))
+    with progress_bar("reading new runs") as report_progress, open_results(folder, url, report_progress) as (database, _):
+        for name in quantity or (None,):
+            wanted: dict[str, Any] = {**filters, "quantity": name, "current_A": current}
+            read = list(result_rows(database, ResultFilter(**wanted)))
+            if name is not None and not read:
+                _check_quantity(name)
+            rows += read
     if kind == "golden":
         return [row for row in rows if row.point]
-    return rows if quantity else usual(rows)
+    chosen = rows if quantity else usual(rows)
+    return [row for row in chosen if row.quantity != TEMPERATURE] if kind == "gauge" and not quantity else chosen
+
+
+def _check_quantity(name: str) -> None:
+    """Reject a quantity without any value whose name looks like another one.
+
+    Raises:
+        UsageError: it does.
+    """
+    from rig.results.quantities import QUANTITIES
+
+    near = near_names(name, QUANTITIES)
+    if name not in QUANTITIES and near:
+        raise click.UsageError(f"--quantity {name}: no such value. Fix: did you mean {' or '.join(near)}?")
 
 
 def _written(study: Study, rows: Sequence[ResultRow], page: Path, *, on_paper: bool) -> list[Path]:

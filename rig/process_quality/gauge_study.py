@@ -153,7 +153,7 @@ def gauge_study(values: NDArray[np.float64], tolerance: float | None = None, *, 
     parts, operators, trials = values.shape
     if parts < FEWEST_PARTS or trials < FEWEST_TRIALS:
         raise TooFewValues(f"got {parts} part(s) and {trials} trial(s), expected at least {FEWEST_PARTS} parts and "
-            f"{FEWEST_TRIALS} trials")
+            f"{FEWEST_TRIALS} trials. Fix: test several specimens, each several times")
     if np.ptp(values) == 0.0:
         raise ValueError("all values are equal: the resolution of the measurement is too coarse")
     squares = _sums_of_squares(values)

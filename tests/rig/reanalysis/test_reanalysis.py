@@ -55,7 +55,7 @@ def test_originals_stay_and_the_result_is_a_complete_run(again: tuple[Path, rean
     assert result.result is not None
     assert result.result.parent == campaign / "reanalysed"
     run = Run.open(result.result)
-    assert [point.id for point in run.points] == ["p001", "p002", "p003", "p004"]
+    assert [point.id for point in run.points] == ["p001", "p002", "p003"]
     assert {point.provenance["reanalysed_from_software"] for point in run.points} == {"mr-damper-rig 0.9.0"}
     assert FitRecord.load(result.result).model == "kwok"
     page = (result.result / "report.html").read_text(encoding="utf-8")
@@ -99,7 +99,7 @@ def test_commands_take_the_result_and_compare_it_with_the_original(
 def present(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of one point as this version makes it."""
     run = Path(shutil.copytree(recorded, tmp_path_factory.mktemp("logs") / recorded.name))
-    for name in ("p002", "p003", "p004"):
+    for name in ("p002", "p003"):
         (run / "points" / f"{name}.h5").unlink()
     result = reanalyse(run, NO_FIT).result
     assert result is not None
@@ -128,13 +128,16 @@ def test_a_changed_rule_and_a_changed_definition_are_told_apart(present: Path, t
     content = json.loads(stored.read_text())
     content["loops"][0]["energy_J"]["value"] *= 1.05
     stored.write_text(json.dumps(content))
-    again = reanalyse(run, NO_FIT)
-    (point,) = again.changed_points
-    assert (point.id, point.before, point.after, point.causes) == ("p001", "suspect", "valid", (Cause.RULE,))
-    assert point.removed == ("force-scatter: by a limit of the past",)
-    (energy,) = again.characteristics
-    assert (energy.name, energy.causes) == ("p001 energy_J", (Cause.DEFINITION,))
-    assert energy.after == pytest.approx(energy.before / 1.05)
+    done = rig("reanalyse", "--no-fit", "--json", run)
+    assert done.returncode == 0, done.stderr
+    (again,) = json.loads(done.stdout)["runs"]
+    (point,) = again["points"]
+    changed = (point["id"], point["before"], point["after"], point["causes"])
+    assert changed == ("p001", "suspect", "valid", [Cause.RULE])
+    assert point["removed"] == ["force-scatter: by a limit of the past"]
+    (energy,) = again["characteristics"]
+    assert (energy["name"], energy["causes"]) == ("p001 energy_J", [Cause.DEFINITION])
+    assert energy["after"] == pytest.approx(energy["before"] / 1.05)
 
 
 def test_parts_of_a_change_are_attributed_step_by_step() -> None:
@@ -186,22 +189,26 @@ def test_what_cannot_be_made_again_is_named_and_abandoned_results_are_removed(ca
     assert not kept.changed
 
 
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_an_interruption_or_a_full_disk_leaves_nothing(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+    present: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = bytes_of(campaign)
+    run = Path(shutil.copytree(present, tmp_path / "run"))
+    before = bytes_of(run)
+    full = OSError(errno.ENOSPC, "No space left on device")
+    for error, raised, message in ((full, FileProblem, "--out"), (KeyboardInterrupt(), KeyboardInterrupt, None)):
 
-    def refuse(_points: Path) -> None:
-        raise error
+        def refuse(_points: Path, error: BaseException = error) -> None:
+            raise error
 
-    monkeypatch.setattr("rig.reanalysis.reanalysis.retime", refuse)
-    with pytest.raises((FileProblem, KeyboardInterrupt)) as caught:
-        reanalyse(campaign, NO_FIT)
-    if isinstance(caught.value, FileProblem):
-        assert "--out" in str(caught.value)
-    assert bytes_of(campaign) == before
-    assert not (campaign / "reanalysed").exists()
+        monkeypatch.setattr("rig.reanalysis.reanalysis.retime", refuse)
+        with pytest.raises(raised, match=message):
+            reanalyse(run, NO_FIT)
+        assert bytes_of(run) == before
+        assert not (run / "reanalysed").exists()
+    monkeypatch.setattr("rig.reanalysis.stage.SPARE_BYTES", 1 << 60)
+    with pytest.raises(FileProblem, match="MB required") as caught:
+        reanalyse(run, NO_FIT)
+    assert caught.value.slug == "disk-full"
 
 
 def test_a_campaign_that_runs_is_refused(campaign: Path) -> None:
@@ -211,8 +218,9 @@ def test_a_campaign_that_runs_is_refused(campaign: Path) -> None:
 
 
 def test_a_place_that_cannot_be_written_is_named_and_one_bad_run_does_not_affect_the_others(
-    campaign: Path, tmp_path: Path
+    present: Path, tmp_path: Path
 ) -> None:
+    campaign = Path(shutil.copytree(present, tmp_path / "logs" / "run"))
     (campaign / "reanalysed").write_text("a file")
     with pytest.raises(FileProblem, match="--out"):
         reanalyse(campaign, NO_FIT)
@@ -220,9 +228,11 @@ def test_a_place_that_cannot_be_written_is_named_and_one_bad_run_does_not_affect
         reanalyse_each([campaign, campaign])
     empty, out = tmp_path / "logs" / "empty", tmp_path / "results"
     (empty / "points").mkdir(parents=True)
-    ended = rig("reanalyse", "--no-fit", "--json", "--out", out, campaign, empty)
+    made, failed = reanalyse_each([campaign, empty], ReanalysisOptions(out, fit=False))
+    assert made.result is not None
+    assert made.result.parent == out / campaign.name
+    assert "no points were recorded" in failed.error or "not a run" in failed.error
+    ended = rig("reanalyse", "--json", empty)
     assert ended.returncode == 2
     answer = json.loads(ended.stdout)
-    assert (answer["reanalysed"], answer["failed"]) == (1, 1)
-    assert Path(answer["runs"][0]["result"]).parent == out / campaign.name
-    assert answer["runs"][1]["result"] is None
+    assert (answer["reanalysed"], answer["failed"], answer["runs"][0]["result"]) == (0, 1, None)
