@@ -127,7 +127,7 @@ def _rows(
     from rig.results.reader import ResultFilter, open_results, result_rows
 
     rows: list[ResultRow] = []
-    with progress_bar("reading new runs") as report_progress, open_results(folder, url, report_progress) as (database, _):
+    with progress_bar("reading new runs") as progress, open_results(folder, url, progress) as (database, _):
         for name in quantity or (None,):
             wanted: dict[str, Any] = {**filters, "quantity": name, "current_A": current}
             read = list(result_rows(database, ResultFilter(**wanted)))
