@@ -28,7 +28,7 @@ from rig.clock import utc_now
 from rig.errors import DataWarning, FileProblem
 
 NAME = ".rig-runs.sqlite"
-SCHEMA = 1
+SCHEMA = 2
 """Version of the tables of results in the file; a file with a higher one is neither used nor written."""
 FORMAT = f"5, {rig.__version__}"
 """Of the summaries; another one's are not used."""

@@ -211,7 +211,7 @@ def test_a_newer_schema_on_the_server_is_refused_and_not_written(runs: Path, mad
     with opened(server) as database, database.transaction() as connection:
         connection.execute(text("UPDATE schema_version SET version = 99"))
     for _ in range(2):
-        with pytest.raises(FileProblem, match="got schema version 99, expected at most 1"):
+        with pytest.raises(FileProblem, match="got schema version 99, expected at most 2"):
             delivered(runs, server)
     with pytest.raises(FileProblem, match="99"), open_results(runs, server):
         pass

@@ -216,6 +216,17 @@ def test_a_damaged_database_is_named_and_made_again(runs: Path, made: Make, dama
     assert content(runs) == before
 
 
+def test_tables_of_an_earlier_version_are_made_again(runs: Path, made: Make) -> None:
+    made("r1")
+    before = content(runs)
+    with closing(sqlite3.connect(runs / NAME)) as earlier, earlier:
+        earlier.execute("UPDATE schema_version SET version = 1")
+        earlier.execute("DROP VIEW results")
+        earlier.execute("DROP TABLE characteristics")
+        earlier.execute("CREATE TABLE characteristics (other TEXT)")
+    assert (filled(runs).read, content(runs)) == (1, before)
+
+
 def test_a_database_of_a_newer_version_is_refused_and_not_written(runs: Path, made: Make) -> None:
     made("r1")
     filled(runs)
@@ -223,7 +234,7 @@ def test_a_database_of_a_newer_version_is_refused_and_not_written(runs: Path, ma
         newer.execute("UPDATE schema_version SET version = 99")
     before = (runs / NAME).read_bytes()
     for rebuild in (False, True):
-        with pytest.raises(FileProblem, match="got schema version 99, expected at most 1"):
+        with pytest.raises(FileProblem, match="got schema version 99, expected at most 2"):
             filled(runs, rebuild=rebuild)
     assert (runs / NAME).read_bytes() == before
 

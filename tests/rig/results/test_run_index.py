@@ -120,7 +120,7 @@ def test_a_database_of_a_newer_version_is_named_and_left_as_it_is(folder: Path) 
         index.execute("INSERT INTO schema_version VALUES (99)")
     index.close()
     before = (folder / NAME).read_bytes()
-    with pytest.warns(DataWarning, match="got schema version 99, expected at most 1"):
+    with pytest.warns(DataWarning, match="got schema version 99, expected at most 2"):
         assert checked(folder) == ["r0", "r1"]
     assert (folder / NAME).read_bytes() == before
 
