@@ -51,24 +51,19 @@ def _reported(run: Path) -> tuple[str | None, str | None]:
 
 
 def _stored(run: Path) -> str:
-    """Bring the results database of the folder of a run up to date, and deliver it to the server of its bench.
+    """Bring the results database of the folder of a run up to date.
 
     Returns:
         Why this was not possible; the run directory remains, so the next update includes the run. Empty: done.
     """
     # loads SQLAlchemy: only for a production line
-    from rig.bench.model import Bench
-    from rig.results.delivery import deliver
     from rig.results.filling import filled_database
 
-    def stored() -> str:
-        results = Bench.load(CampaignFolder(run).bench).results
-        url = None if results is None else results.url
-        with filled_database(run.resolve().parent) as (database, _):
-            return "" if url is None else deliver(database, url).error
+    def stored() -> bool:
+        with filled_database(run.resolve().parent):
+            return True
 
-    failed, error = _made(stored)
-    return error or failed or ""
+    return _made(stored)[1] or ""
 
 
 def _specimen(run: Path) -> dict[str, Any] | None:

@@ -6,10 +6,12 @@ import contextlib
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.bench.server_address import ADDRESS_VARIABLE
+from rig.cli.delivering import WAIT_S, ServerAddress, delivery_to
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.clock import utc_now
@@ -57,12 +59,17 @@ MARGIN = 2
 @click.option("--seed", type=click.IntRange(0), default=0, help="With --simulate: random seed for the simulated rig.")
 @click.option("--reader", metavar="PORT", help="Serial port of a barcode reader. Readers in keyboard mode need no "
                                                "option.")
+@click.option(
+    "--results", "results_url", type=ServerAddress(), metavar="URL", envvar=ADDRESS_VARIABLE, show_envvar=True,
+    help="Deliver the results to this PostgreSQL server (postgresql://USER@HOST/DATABASE) after each test. Default: "
+         "`url` in [results] of the bench file.",
+)
 @click.option("--no-identify", is_flag=True, help="Record and evaluate only; ignore [identify] in the matrix file.")
 @out_option
 @json_option
 def command(
     matrix: Path, simulator_args: tuple[str, ...], bench: Path | None, simulate: bool, speed: float | None, seed: int,
-    reader: str | None, no_identify: bool, out: Path, as_json: bool,
+    reader: str | None, results_url: str | None, no_identify: bool, out: Path, as_json: bool,
 ) -> int:
     """Test one specimen after another with MATRIX; each test is started by the serial number of the specimen.
 
@@ -84,7 +91,9 @@ def command(
     from rig.matrix.model import load_files, load_matrix
     from rig.recording.tested_specimens import TestedSpecimens
 
-    tests = load_matrix(matrix) if bench is None else load_files(matrix, bench)[0]
+    tests, known = (load_matrix(matrix), None) if bench is None else load_files(matrix, bench)
+    if results_url is None and known is not None and known.results is not None:
+        results_url = known.results.url
     _require_bands(matrix, tests)
     check_specimen(matrix, tests, fitted=not no_identify)
     if not no_identify:
@@ -107,11 +116,15 @@ def command(
             ends.callback(prepared.close)
             options = replace(options, start_rig=prepared.start)
         line = _Line(session, options, shown, Entries(reader), None if no_identify else tests, ends, Analyst)
+        line.results_url = results_url
         with contextlib.suppress(KeyboardInterrupt):
             line.run()
     line.show_notes()
+    delivered = line.delivered(wait_s=WAIT_S) if session.results else None
     if as_json:
-        write_json(session.to_json())
+        write_json(session.to_json() | {"delivery": delivered})
+    elif delivered is not None:
+        shown.print(delivered["line"], markup=False, soft_wrap=True)
     return session.exit_code
 
 
@@ -150,7 +163,12 @@ class _Line:
         fitted: the matrix whose `[identify]` is done; None: nothing is fitted.
         ends: takes what must be closed at the end.
         analyst: starts the process that evaluates.
+
+    Attributes:
+        results_url: server to which results are delivered; None: none.
     """
+
+    results_url: str | None = None
 
     def __init__(
         self, session: LineSession, options: CampaignOptions, shown: Console, entries: Entries,
@@ -184,6 +202,11 @@ class _Line:
                 self._say(f"{typed.source}: the barcode reader no longer responds. Fix: check its connection", "red")
             elif not self._enter(typed.text):
                 return
+
+    def delivered(self, wait_s: float = 0.0) -> dict[str, Any] | None:
+        """Deliver the results in a separate process: an unreachable server delays no test; None without a server."""
+        with delivery_to(self.results_url) as delivery:
+            return None if delivery is None else delivery.deliver(self._options.out, wait_s)
 
     def show_notes(self) -> None:
         """Show what failed after a verdict: a report or the results database."""
@@ -220,6 +243,7 @@ class _Line:
             result = LineResult(serial_number, NOT_TESTED, "interrupted by the operator", EXIT_STOPPED, None, 0.0)
         self._session.take(result)
         self._show(result)
+        self.delivered()
         self._refuse_rest(serial_number)
         return result.exit_code != EXIT_UNKNOWN_STATE
 
