@@ -142,6 +142,8 @@ class DamperOptions:
 
     Two thermal nodes: the body is heated by `F v` and loses `heat_loss_W_K` to ambient, the coil is heated by `I^2 R`
     and loses `coil_to_body_W_K` to the body. Force depends on the body's temperature; the ECU sees the coil's.
+    The force follows the coil's current with the time constant `fluid_lag_s`, the fluid's rheological response; 0: at
+    once.
     """
 
     set: str = "demo"
@@ -158,6 +160,7 @@ class DamperOptions:
     gas_loss_N_per_km: NotNegative = 0.0
     travelled_km: NotNegative = 0.0
     force_change_per_K: float = 0.0
+    fluid_lag_s: NotNegative = 0.0
     heat_capacity_J_K: Positive = 1500.0
     heat_loss_W_K: float = 5.0
     coil_heat_capacity_J_K: Positive = 60.0

@@ -129,6 +129,8 @@ SETTINGS = (
             "Offset of the ECU's current measurement, which shifts the true current."),
     Setting("coil-sensor-offset", "coil.temperature_offset_K", "K", -100.0, 100.0,
             "Error of the coil's temperature sensor."),
+    Setting("fluid-lag", "damper.fluid_lag_s", "ms", 0.0, 1000.0,
+            "Lag of the force behind the coil current (fluid)."),
     Setting("coil-heat-capacity", "damper.coil_heat_capacity_J_K", "J/K", 0.1, 1e5,
             "Heat capacity of the coil (heated by I^2 R)."),
     Setting("body-heat-capacity", "damper.heat_capacity_J_K", "J/K", 1.0, 1e6,

@@ -295,6 +295,10 @@ class EcuConfig(Settings):
     voltage_limit_V: Annotated[float, Quantity("voltage", "0 V", "200 V", above=True)] | None = field(
         default=None, metadata=key("voltage_limit", description="highest voltage that a supply may apply to the coil")
     )
+    slew_limit_A_s: Annotated[float, Quantity("current rate", "0.01 A/s", "1000000 A/s")] | None = field(
+        default=None, metadata=key("slew_limit", description="highest rate at which the source changes the current; "
+            "the plan refuses steps that it cannot make in time")
+    )
     identity: Name | None = field(
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must contain")
     )
@@ -394,7 +398,7 @@ class EcuConfig(Settings):
             "interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s", "url",
             "baudrate", "poll_s", "timeout_s", "pressure_while_asked", "answer_within_s", "rehearsal", "device_id",
         )
-        new = ("roles", "supply", "voltage_limit_V", "identity", "by_hand")
+        new = ("roles", "supply", "voltage_limit_V", "slew_limit_A_s", "identity", "by_hand")
         unsaid = (name for name in new if getattr(self, name) in (None, False))
         return dict.fromkeys((*link, *unsaid), True)
 

@@ -417,8 +417,8 @@ def _check_by_hand(matrix: Matrix) -> None:
     Raises:
         Refused: as `check_source`; or it has a [[current_step]] (`by-hand-without-steps`).
     """
-    stepped = "[[current_step]]" if matrix.current_step else ""
-    if any(point.current_programmed for point in matrix.points()):
+    stepped = "[[current_step]]" if matrix.current_step else "[[response]]" if matrix.response else ""
+    if not stepped and any(point.current_programmed for point in matrix.points()):
         stepped = "current program"
     if stepped:
         raise Refused(

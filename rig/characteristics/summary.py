@@ -27,13 +27,14 @@ from rig.fits.plain import plain
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.current_steps import CurrentLag, lag_of
 from rig.identification.points.preparation import prepare
+from rig.identification.points.response_steps import ResponseTest, response_tests
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import find_cycles, full_cycles
 from rig.signals.test_set import MOTION_SHARE, TestSet, are_separable
-from rig.test_point import LOOP
+from rig.test_point import LOOP, RESPONSE
 
 FEWEST_SAMPLES = 10
 SHOWN = 4
@@ -76,7 +77,8 @@ class DynamicRange:
 class Characteristics:
     """What a run says of its damper without a model.
 
-    `left_out` has a line for each point that does not say it all, `remarks` one for what makes its values doubtful.
+    `left_out` has a line for each point that does not say it all, `remarks` one for what makes its values doubtful;
+    `response_left_out` a line for each response point that cannot be used, or not all of it.
     """
 
     loops: tuple[LoopCharacteristics, ...]
@@ -86,6 +88,8 @@ class Characteristics:
     left_out: tuple[str, ...]
     remarks: tuple[str, ...] = ()
     groups: TestSet | None = None
+    response: tuple[ResponseTest, ...] = ()
+    response_left_out: tuple[str, ...] = ()
 
     @property
     def signature(self) -> tuple[LoopCharacteristics, ...]:
@@ -116,6 +120,8 @@ class Characteristics:
                 "rmse_A": lag.rmse_A,
                 "steps": lag.steps,
             },
+            "response": [test.to_json() for test in self.response],
+            "response_left_out": list(self.response_left_out),
             "left_out": list(self.left_out),
             "remarks": list(self.remarks),
             "test_set": None if self.groups is None else plain(self.groups.summary),
@@ -135,8 +141,8 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
     friction: list[FrictionTest] = []
     left_out, remarks = [*run.unreadable], []
     for point in run.points:
-        if point.after_cycles:
-            continue  # the report's section on endurance compares these
+        if point.kind == RESPONSE or point.after_cycles:
+            continue  # these have sections of their own in the report
         if point.verdict == "invalid":
             left_out.append(f"{point.id}: invalid")
             continue
@@ -152,12 +158,13 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
                     friction.append(friction_of(point))
         except RigError as error:
             left_out.append(f"{point.id}: {error}")
-    lag, refused = lag_of(run.usable)
+    response, response_left_out = response_tests(run.points)
+    lag, refused = lag_of(run.usable, response)
     placed, groups = _placed(loops)
     remarks += _merged(loops, groups)
     return Characteristics(
         placed, tuple(dynamic_range(placed)), tuple(friction), lag, (*left_out, *refused), tuple(remarks),
-        groups if loops else None,
+        groups if loops else None, response, tuple(response_left_out),
     )  # fmt: skip
 
 

@@ -17,11 +17,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivers.processes import own_program
 from rig.campaign.campaign import run_campaign
+from rig.campaign_folder import CampaignFolder
 from rig.cli.junit import JUnitDisplay, JUnitReport
 from rig.cli.output import status_line
 from rig.cli.words import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ACCEPTED, EXIT_NOT_ALL_VALID, FileProblem
 from rig.matrix.acceptance_table import has_acceptance
+from rig.text_file import read_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -70,6 +72,14 @@ class JobResult:
         except (FileProblem, LookupError, TypeError):  # of an earlier version, or written over since
             return ()
 
+    @property
+    def response(self) -> list[dict[str, Any]]:
+        """The response tests, as written with the report; empty where there are none."""
+        numbers: list[dict[str, Any]] = []
+        with contextlib.suppress(FileProblem):
+            numbers = read_json(CampaignFolder(self.campaign.campaign).characteristics).get("response", [])
+        return numbers
+
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig run --json`."""
         acceptance = None if self.specimen is None else self.specimen.acceptance
@@ -78,6 +88,7 @@ class JobResult:
             **self.campaign.to_json(),
             **error,
             "force_tables": None if self.report is None else [one.to_json() for one in self.force_tables],
+            "response": None if self.report is None else self.response,
             "fit": None if self.fit is None else str(self.fit),
             "report": None if self.report is None else str(self.report),
             "identification_error": self.error,

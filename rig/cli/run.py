@@ -389,6 +389,11 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
             shown.print()
             show(force_blocks(tables, run_display(campaign.campaign)), shown)
             shown.print()
+        if tests := result.response:
+            from rig.report.response import response_blocks
+
+            show(response_blocks(tests, run_display(campaign.campaign), narrow=True), shown)
+            shown.print()
     if not campaign.refused:
         colour = "green" if campaign.valid == campaign.total else "yellow"
         line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)

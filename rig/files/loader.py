@@ -57,8 +57,8 @@ TABLES = {
         {"limits", "actuator", "ecu", "load_cell", "lvdt", "auxiliary", "fixture", "clock", "station", "checks"}
     ),
     "matrix": frozenset(
-        {"specimen", "matrix", "point", "friction", "current_step", "hybrid", "temperature", "acceptance", "line",
-         "identify", "campaign", "report"}
+        {"specimen", "matrix", "point", "friction", "current_step", "response", "hybrid", "temperature", "acceptance",
+         "line", "identify", "campaign", "report"}
     ),
     "benchmark": frozenset({"benchmark", "recordings"}),
     "study": frozenset({"data", "comparison", "symmetry", "sensitivity", "parallel", "per_current"}),

@@ -64,4 +64,13 @@ def _of_steps(state: FitState) -> FitState:
         f"eta: identified from {lag.steps} current steps (commanded vs. measured current), independently of the force "
         "model"
     )
-    return state.with_parts(parameters={**fit.parameters, ETA: eta}, uncertainty={"notes": (*fit.notes, note)})
+    if lag.in_motion:
+        note += f"; {lag.in_motion} of them at constant velocity (response tests)"
+    notes = (*fit.notes, note)
+    if lag.behind_s is not None:
+        value_s, std_s = lag.behind_s
+        notes += (
+            f"force: follows the measured coil current with a mean delay of {1e3 * value_s:.2g} +- {1e3 * std_s:.1g} "
+            "ms (response tests), which eta does not contain",
+        )
+    return state.with_parts(parameters={**fit.parameters, ETA: eta}, uncertainty={"notes": notes})

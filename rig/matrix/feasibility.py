@@ -38,6 +38,9 @@ SETTLING_LAGS = 6.0
 """Shortest hold of a current step in time constants of the coil: with fewer the recorded current, with its noise, does
 not determine to which level it settles (3 mA at 6, 16 mA at 5, 30 mA at 4 for 4 mA of noise)."""
 
+SETTLED_SHARE = 0.95
+"""Of a step, that the current must make before the next one."""
+
 MOST_CURRENT_STEPS, SHORTEST_CURRENT_HOLD_S = 2000, 0.002
 """Of a current program, as in the station."""
 
@@ -196,6 +199,7 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         yield Reason("specimen-current", f"current {largest_A:.3g} A is above the specimen's limit, {own:.3g} A")
     if point.current_programmed:
         yield from _of_program(point, bench)
+        yield from _of_supply(point, matrix, bench)
     assumed = matrix.specimen.assumed
     if point.kind == HYBRID and matrix.hybrid is not None and assumed is not None:
         yield from (Reason(*given) for given in matrix.hybrid.reasons(point, assumed, bench))
@@ -288,6 +292,42 @@ def _of_program(point: TestPoint, bench: Bench) -> Iterator[Reason]:
             f"least {show(needed_s, 'ms', 3)}"
         )
         yield Reason("current-settling", text, needed_s / max(hold_s, 1e-9))
+
+
+def _of_supply(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
+    """Whether the current source can make the steps of a current program: voltage, inductance, rate of change."""
+    specimen, ecu = matrix.specimen, bench.ecu
+    largest_A, limit_V = max(map(abs, point.steps_A)), ecu.voltage_limit_V
+    hold_s = min((after - before for before, after in pairwise(point.steps_s)), default=math.inf)
+    step_A = max((abs(after - before) for before, after in pairwise(point.steps_A)), default=0.0)
+    if ecu.slew_limit_A_s is not None and _beyond(step_A / ecu.slew_limit_A_s, hold_s):
+        text = (
+            f"the current source changes the current by at most {ecu.slew_limit_A_s:.3g} A/s ([ecu] slew_limit): a "
+            f"step of {step_A:.3g} A takes {show(step_A / ecu.slew_limit_A_s, 'ms', 3)}, but the next step follows "
+            f"after {show(hold_s, 'ms', 3)}"
+        )
+        yield Reason("current-settling", text, step_A)
+    ohm = specimen.coil_resistance_ohm
+    if limit_V is None or ohm is None:
+        return
+    if _beyond(ohm * largest_A, limit_V):
+        text = (
+            f"{largest_A:.3g} A through the coil ({ohm:.3g} ohm) requires {ohm * largest_A:.3g} V; [ecu] voltage_limit "
+            f"is {limit_V:.3g} V"
+        )
+        yield Reason("current", text, largest_A)
+    elif specimen.coil_inductance_H is not None:
+        # Up at the full voltage; down through the resistance alone, as of a supply that cannot reverse its voltage.
+        lag_s = specimen.coil_inductance_H / ohm
+        rise_s = lag_s * math.log(limit_V / max(limit_V - SETTLED_SHARE * ohm * largest_A, 1e-9 * limit_V))
+        needed_s = max(rise_s, -lag_s * math.log1p(-SETTLED_SHARE))
+        if _beyond(needed_s, hold_s):
+            text = (
+                f"with a coil of {show(specimen.coil_inductance_H, 'mH', 3)} and {ohm:.3g} ohm at {limit_V:.3g} V, the "
+                f"current takes {show(needed_s, 'ms', 3)} to make 95 % of its step, but the next step follows after "
+                f"{show(hold_s, 'ms', 3)}"
+            )
+            yield Reason("current-settling", text, needed_s)
 
 
 def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reason]:

@@ -32,6 +32,7 @@ from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.line_table import LineTable
 from rig.matrix.order_by_heat import by_heat
 from rig.matrix.report_table import ReportTable
+from rig.matrix.response_table import ResponseTable
 from rig.matrix.sections import (
     IDENTIFIER,
     Campaign,
@@ -60,6 +61,7 @@ class Matrix(Section):
     extra: tuple[ExtraPoint, ...] = Field(default=(), alias="point")
     friction: Friction | None = None
     current_step: tuple[CurrentStep, ...] = ()
+    response: tuple[ResponseTable, ...] = ()
     hybrid: HybridTable | None = None
     endurance: tuple[Endurance, ...] = ()
     temperature: Temperature | None = None
@@ -150,6 +152,7 @@ class Matrix(Section):
         apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "line": True, "sweep": unused}
         apart |= {"acceptance": True} if self.acceptance is None else {}
         apart |= {} if self.endurance else {"endurance": True}
+        apart |= {} if self.response else {"response": True}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():
@@ -212,6 +215,8 @@ class Matrix(Section):
                     steps_A=item.current_A,
                 )
             )
+        for number, table in enumerate(self.response, start=1):
+            special += table.points(number, self.specimen.mid_stroke_m, self.sweep.rest_s)
         assumed = self.specimen.assumed
         if self.hybrid is not None and assumed is not None:
             special += self.hybrid.points(assumed, self.specimen.mid_stroke_m)
@@ -245,7 +250,7 @@ class Matrix(Section):
         axes = {"waveforms": len(sweep.cyclic), "currents": len(sweep.current_A), **sweep.size.axes}
         signals = len(sweep.current_A) * sum(len(table.records) for table in sweep.signals.values())
         count = (math.prod(axes.values()) + signals + len(self.extra)) * sweep.repeats
-        count += (self.friction is not None) + len(self.current_step)
+        count += (self.friction is not None) + len(self.current_step) + sum(table.count for table in self.response)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         performance = count
         for test in self.endurance:

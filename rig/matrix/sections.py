@@ -80,6 +80,15 @@ class Specimen(Section):
     coil_resistance_ohm: Annotated[float, Quantity("resistance", "0 ohm", "1 kohm", above=True)] | None = Field(
         default=None, alias="coil_resistance"
     )
+    coil_inductance_H: Annotated[float, Quantity("inductance", "0 H", "100 H", above=True)] | None = Field(
+        default=None, alias="coil_inductance", description="with coil_resistance and the voltage limit of a supply: "
+            "how fast the current can change"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_inductance(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Where it is not stated, it is left out: digests of earlier files stay as they are."""
+        return {name: value for name, value in handler(self).items() if value or name != "coil_inductance_H"}
 
     _fitted: AssumedDamper | None = PrivateAttr(default=None)
 
@@ -190,27 +199,27 @@ class Sweep(Motions):
     @field_validator("waveform")
     @classmethod
     def _no_waveform_twice(cls, values: tuple[str, ...]) -> tuple[str, ...]:
-        return _no_value_twice(values, str)
+        return no_value_twice(values, str)
 
     @field_validator("amplitude_m", "stroke_m")
     @classmethod
     def _no_amplitude_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "mm", 10))
+        return no_value_twice(values, lambda value: show(value, "mm", 10))
 
     @field_validator("speed_m_s")
     @classmethod
     def _no_speed_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "m/s", 10))
+        return no_value_twice(values, lambda value: show(value, "m/s", 10))
 
     @field_validator("frequency_Hz")
     @classmethod
     def _no_frequency_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "Hz", 10))
+        return no_value_twice(values, lambda value: show(value, "Hz", 10))
 
     @field_validator("current_A")
     @classmethod
     def _no_current_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "A", 10))
+        return no_value_twice(values, lambda value: show(value, "A", 10))
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
@@ -417,7 +426,7 @@ class Campaign(Section):
     )
 
 
-def _no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple[V, ...]:
+def no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple[V, ...]:
     """The values as they are.
 
     Raises:

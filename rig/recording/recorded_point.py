@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rig.document.axes import draw_on
 from rig.errors import FileProblem
-from rig.recording.hdf5.reading import channel_names, read_channel, read_description, read_raw
+from rig.recording.hdf5.reading import channel_names, clock_std_s, read_channel, read_description, read_raw
 from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality, time_quality
@@ -295,6 +295,10 @@ class RecordedPoint(TestPoint):
         None when the file holds no such channel.
         """
         return None if self.path is None else read_raw(self.path, name)
+
+    def clock_std_s(self, name: str) -> float | None:
+        """Standard uncertainty of a received channel's place on the time base (s); None where it is not stated."""
+        return None if self.path is None else clock_std_s(self.path, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """The aligned channels as a table indexed by time in s, one column a channel in SI (`attrs["units"]`)."""

@@ -63,6 +63,7 @@ from rig.report.over_current import parameters_over_current
 from rig.report.peak_forces import force_text, greatest, peak_forces
 from rig.report.plugin_sections import installed_sections
 from rig.report.point_tables import point_details, points_table, time_base_words
+from rig.report.response import response_section
 from rig.report.signals import signals_section
 from rig.report.traces import time_traces
 from rig.report.views import AS_AMPLITUDE, MotionTerms, PointView, completed_views, view_of
@@ -146,7 +147,7 @@ def report_of(of: Material) -> Document:
     sheets = _sheets(of, measured)
     blocks: Blocks = [*sheets, Contents(screen=False)]
     if measured.first:
-        blocks += [*hybrid_section(of.hybrid, of.display), *signals_section(views)]
+        blocks += [*hybrid_section(of.hybrid, of.display), *signals_section(views), *_response(of)]
     blocks += iteration_section(views)
     blocks += endurance_section(of.endurance, of.display)
     blocks += [*acceptance_section(of.specimen, of.display), *model_section(of)]
@@ -166,6 +167,11 @@ def report_of(of: Material) -> Document:
     return Document(f"{title} {run.name}", with_contents(blocks), mark_of([run]), of.display.paper)
 
 
+def _response(of: Material) -> Blocks:
+    """The section on the response time; empty without response points."""
+    return response_section(of.characteristics.response, of.characteristics.response_left_out, of.display)
+
+
 def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     """The first two printed pages: verdict, peak forces and loops; more loops, specimen and conditions, signatures."""
     run, details, gas_force = of.run, of.details, _gas_force(of)
@@ -180,7 +186,7 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
         of_these = "1 further motion" if measured.further == 1 else f"{measured.further} further motions"
         more = [Paragraph(f"The full report contains the loops of {of_these}.", small=True)]
     if not measured.first:
-        first = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views)]
+        first = [*hybrid_section(of.hybrid, of.display), *signals_section(of.views), *_response(of)]
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *unfinished(run, of.log or ()),

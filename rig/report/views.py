@@ -22,7 +22,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.peak_force import PeakForce
 from rig.signals.waveform import WAVEFORMS, waveform_named
-from rig.test_point import HYBRID
+from rig.test_point import HYBRID, RESPONSE
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
 """Samples at most: a record has many reversals, which fewer samples would cut off."""
@@ -183,6 +183,8 @@ def view_of(
     """
     if point.at_rest:
         return PointView(point, None, "the rod was at rest while the current was stepped", error, held_out)
+    if point.kind == RESPONSE:
+        return PointView(point, None, "the current is stepped during the motion", error, held_out)
     if point.kind == HYBRID:
         return PointView(point, None, "the motion of a hybrid test has no cycles", error, held_out)
     try:

@@ -58,6 +58,7 @@ CONSTANTS = np.dtype(
         ("position_zero_m", "f8"),
         ("overlap_m", "f8"),  # in HOLD a smaller error moves nothing
         ("load_train_stiffness_N_m", "f8"),  # 0: rigid
+        ("fluid_lag_s", "f8"),  # 0: the damper follows the coil's current at once
         ("drift_m_s", "f8"),
         ("valve_closing_s", "f8"),
         ("half_stroke_m", "f8"),
@@ -140,6 +141,7 @@ STATE = np.dtype(
         ("damper_force_N", "f8"),
         ("cell_force_N", "f8"),
         ("current_A", "f8"),
+        ("fluid_A", "f8"),
         ("temperature_degC", "f8"),  # of the damper's body
         ("coil_degC", "f8"),
         ("dissipated_J", "f8"),

@@ -75,7 +75,7 @@ def _rigid_force(p: Record, s: Record, advance: int, dp: Record, ds: Record) -> 
     """Force (N) of a damper bolted to the rod without play; `advance` is its step's address."""
     s.damper_u_m = s.position_m - p.mid_stroke_m
     s.damper_v_m_s = s.velocity_m_s
-    force = advance_at(advance, dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.current_A, p.dt_s)
+    force = advance_at(advance, dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.fluid_A, p.dt_s)
     total: float = p.force_scale * force + fittings_force(p, s.damper_u_m, s.damper_v_m_s)
     return total
 
@@ -99,7 +99,7 @@ def _mounted_force(p: Record, s: Record, advance: int, dp: Record, ds: Record, s
         for place in range(ds.size):
             scratch[place] = ds[place]
         a = (v - s.damper_v_m_s) / p.dt_s
-        force = p.force_scale * advance_at(advance, dp, scratch, u, v, a, s.current_A, p.dt_s)
+        force = p.force_scale * advance_at(advance, dp, scratch, u, v, a, s.fluid_A, p.dt_s)
         force += fittings_force(p, u, v)
         if force > mount_force(p, rod_u - u):
             high = v
@@ -129,11 +129,18 @@ specimen_end = njit(cache=False)(_specimen_end)
 
 
 def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
-    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9); `F v` heats the body, `I^2 R` the coil."""
+    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9); `F v` heats the body, `I^2 R` the coil.
+
+    The force follows the coil's current with a lag of the fluid of its own, where it has one: `fluid_A` is the current
+    that the damper model gets.
+    """
     ohm = p.coil_ohm * (1.0 + p.coil_ohm_per_K * (s.coil_degC - 20.0))
     largest = p.coil_voltage_V / ohm
     target_A = max(-largest, min(largest, c.coil_A))
     s.current_A = target_A + (s.current_A - target_A) * math.exp(-p.coil_eta_1_s * p.dt_s)
+    before_A, s.fluid_A = s.fluid_A, s.current_A
+    if p.fluid_lag_s > 0.0:
+        s.fluid_A += (before_A - s.current_A) * math.exp(-p.dt_s / p.fluid_lag_s)
     power_W = s.damper_force_N * s.damper_v_m_s
     s.dissipated_J += power_W * p.dt_s
     passed_W = p.coil_to_body_W_K * (s.coil_degC - s.temperature_degC)

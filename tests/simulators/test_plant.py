@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -121,6 +122,22 @@ def test_coil_follows_its_first_order_lag_exactly(bench: Bench) -> None:
     began_s = bench.plant.time_s
     rows = bench.run(0.2)
     assert rows[:, CURRENT] == pytest.approx(2.0 * (1 - np.exp(-25.0 * (rows[:, T] - began_s))), abs=1e-9)
+
+
+def test_the_fluid_follows_the_coil_with_a_lag_of_its_own_where_it_has_one() -> None:
+    """Two lags of 40 ms and 8 ms behind each other; without the option, the damper gets the coil's current itself."""
+    for lag_s in (0.0, 0.008):
+        options = RigOptions()
+        plant = Plant(replace(options, damper=replace(options.damper, fluid_lag_s=lag_s)))
+        plant.order(coil_A=2.0)
+        plant.advance(400)
+        t_s, coil_s = plant.time_s, 0.04
+        expected_A = 2.0 * (1.0 - math.exp(-t_s / coil_s))
+        assert plant.value("current_A") == pytest.approx(expected_A, abs=1e-9)
+        if lag_s:
+            both = coil_s * math.exp(-t_s / coil_s) - lag_s * math.exp(-t_s / lag_s)
+            expected_A = 2.0 * (1.0 - both / (coil_s - lag_s))
+        assert plant.value("fluid_A") == pytest.approx(expected_A, abs=5e-3 if lag_s else 1e-9)
 
 
 def test_coil_current_is_bounded_by_supply_over_resistance(bench: Bench) -> None:

@@ -15,8 +15,10 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed, RigError, evaluating
+from rig.identification.points.response_steps import ResponseTest, response_tests
 from rig.optimisers.least_squares import Descent, Squares, descend
 from rig.recording.recorded_point import RecordedPoint
+from rig.signals.estimate import Estimate, pooled
 
 DESCENT = Descent(1e-14, iterations=60, more=4.0, most_damping=1e10)
 LARGEST_LOGARITHM = 20.0  # of eta: beyond it a search has diverged
@@ -40,6 +42,9 @@ class CurrentLag:
             device clocks do not run alike.
         rmse_A: root mean square of what the fit leaves over, A.
         steps: number of steps fitted.
+        in_motion: how many of them were made while the rod moved (response tests).
+        behind_s: mean delay of the force behind the measured current at these, and its standard error (s); None where
+            it is not known.
     """
 
     eta_1_s: float
@@ -47,6 +52,8 @@ class CurrentLag:
     delay_s: float | None
     rmse_A: float
     steps: int
+    in_motion: int = 0
+    behind_s: tuple[float, float] | None = None
 
     @property
     def interval_1_s(self) -> tuple[float, float]:
@@ -54,13 +61,21 @@ class CurrentLag:
         return self.eta_1_s - T_975_LARGE * self.std_1_s, self.eta_1_s + T_975_LARGE * self.std_1_s
 
 
-def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str]]:
-    """The lag pooled over current-step points, and one line for each point that cannot be used.
+def lag_of(
+    points: Sequence[RecordedPoint], response: Sequence[ResponseTest] | None = None
+) -> tuple[CurrentLag | None, list[str]]:
+    """The lag pooled over current steps at rest and in motion, and one line for each point that cannot be used.
 
     None when there is no such point or none can be used. Where the points scatter more than their own standard errors
     say, the pooled one is widened by that (Birge 1932).
+
+    Args:
+        points: of any kind.
+        response: results of the response points among them; None: they are made here.
     """
-    lags, refused = [], []
+    if response is None:
+        response, _ = response_tests(points)
+    lags, refused = [lag for test in response if (lag := _in_motion(test)) is not None], list[str]()
     for point in points:
         if not point.at_rest:
             continue
@@ -79,13 +94,27 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
     mean_1_s = float(np.sum(weights * values) / np.sum(weights))
     scatter = float(np.sum(weights * (values - mean_1_s) ** 2)) / max(1, len(lags) - 1)
     delays = [lag.delay_s for lag in lags if lag.delay_s is not None]
+    behind = pooled(Estimate(*lag.behind_s) for lag in lags if lag.behind_s is not None)
     return CurrentLag(
         eta_1_s=mean_1_s,
         std_1_s=math.sqrt(max(1.0, scatter) / float(np.sum(weights))),
         delay_s=float(np.median(delays)) if delays else None,
         rmse_A=math.sqrt(float(np.mean([lag.rmse_A**2 for lag in lags]))),
-        steps=sum(lag.steps for lag in lags),
+        steps=sum(lag.steps for lag in lags), in_motion=sum(lag.in_motion for lag in lags),
+        behind_s=None if behind is None else (behind.value, behind.std),
     ), refused
+
+
+def _in_motion(test: ResponseTest) -> CurrentLag | None:
+    """The lag of the measured current at the steps of a response test; None where it was not determined."""
+    current = test.current
+    if current is None or not current.lag.measured:
+        return None
+    lag_s, std_s = current.lag.value_s, current.lag.std_s
+    known = math.isfinite(test.behind_s[0]) and math.isfinite(test.behind_s[1])
+    return CurrentLag(
+        1.0 / lag_s, std_s / lag_s**2, None, current.noise, test.steps, test.steps, test.behind_s if known else None
+    )
 
 
 def fit_lag(point: RecordedPoint) -> CurrentLag:

@@ -187,6 +187,17 @@ def read_cycles(path: Path) -> dict[str, NDArray[Any]] | None:
     return columns
 
 
+def clock_std_s(path: Path, name: str) -> float | None:
+    """Standard uncertainty of a channel's place on the time base (s); None where the file does not state it.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    with opened(path) as file:
+        group = file.get(f"entry/raw/{name}")
+        return None if group is None else _number(group.attrs.get("clock_std_s"))
+
+
 def read_events(path: Path) -> list[tuple[int, str, str]]:
     """The events of a point: time (ns on the file's time base), slug, text.
 

@@ -1,0 +1,221 @@
+"""The report's section on the response time: a table, each step over time, and the times over velocity and current.
+
+The table is made of the same numbers as `characteristics.json`, so that the terminal shows it after a run, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rig.display import Display
+from rig.document.blocks import Block, Blocks, Card, Cards, Column, Figures, Keys, Paragraph, section, table
+from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.numbers import NOTHING, number, with_uncertainty
+from rig.document.style import FITTED, MEASURED, RESIDUAL, category_colour
+from rig.document.words import Key, Strong
+from rig.identification.points.response_steps import COMMAND, Curve, ResponseTest
+from rig.signals.step_response import LEVELS, State
+
+NOTE = (
+    "The current is stepped while the rod moves at constant velocity. Dead time, and time until the force has made "
+    "63, 90 and 95 % of its step, from the command of the current; coil: the same of the measured current. The times "
+    "are read from the records without a model; a dagger marks times of the first-order fit where they cannot be. "
+    "\N{PLUS-MINUS SIGN}: standard uncertainty."
+)
+FROM_CURRENT = (
+    "The simulated rig ran faster than real time, so the times count from the start of the measured coil current."
+)
+NAMES = tuple(f"t{100 * level:.0f}" for level in LEVELS)
+WIDTH, HEIGHT = 320, 220
+SHOWN = 3
+"""Results that a remark names; it states the number of the others."""
+ARROW, DAGGER = "\N{RIGHTWARDS ARROW}", "\N{DAGGER}"
+
+
+def response_section(tests: Sequence[ResponseTest], left_out: Sequence[str], display: Display) -> Blocks:
+    """Table and figures of the response tests; empty without any."""
+    if not tests and not left_out:
+        return []
+    blocks: Blocks = [*section("Response time", NOTE)]
+    if tests:
+        blocks += response_blocks([test.to_json() for test in tests], display)
+        keys = (Key("force", MEASURED), Key("first-order fit", FITTED), Key("coil current", RESIDUAL))
+        cards = tuple(_cards(tests, display))
+        blocks += [Keys(keys), Cards(cards)] if cards else []
+        blocks += _summary(tests, display)
+    if left_out:
+        blocks.append(Paragraph(f"Not used: {'; '.join(left_out)}.", small=True))
+    return blocks
+
+
+def response_blocks(tests: Sequence[Mapping[str, Any]], display: Display, *, narrow: bool = False) -> Blocks:
+    """The table with its remarks.
+
+    Args:
+        tests: as `ResponseTest.to_json`.
+        display: units and signs.
+        narrow: for a terminal of 80 columns: without the point's name, the number of steps and the time to 90 %.
+    """
+    head = [
+        Column("velocity", display.speed.unit, True), Column("current", "A"), Column("step", display.force.unit, True),
+        Column("dead time", "ms", True), *(Column(name, "ms", True) for name in NAMES),
+        Column("coil t63", "ms", True), Column("behind coil", "ms", True),
+    ]
+    rows = [_row(test, display) for test in tests]
+    if narrow:
+        kept = [place for place in range(len(head)) if place != 5]
+        head, rows = [head[place] for place in kept], [[row[place] for place in kept] for row in rows]
+    else:
+        head = [Column("point"), *head, Column("steps", "", True)]
+        rows = [[test["id"], *row, _steps(test)] for test, row in zip(tests, rows, strict=True)]
+    remarks = [FROM_CURRENT] if any(test["origin"] != COMMAND for test in tests) else []
+    remarks += _remarks(tests)
+    return [table(head, rows, title="Response time" if narrow else ""),
+            *(Paragraph(remark, small=True) for remark in remarks)]
+
+
+def _row(test: Mapping[str, Any], display: Display) -> list[str]:
+    force, current, behind = test["force"], test["current"] or {}, test["behind_current"]
+    return [
+        number(display.speed.signed(test["velocity_m_s"]), 3), f"{test['from_A']:.3g} {ARROW} {test['to_A']:.3g}",
+        NOTHING if force["step_N"] is None else number(display.force.value(abs(force["step_N"])), 3),
+        time_words(force["dead_time"]), *(_of_level(force, name) for name in NAMES),
+        _of_level(current, "t63") if current else NOTHING,
+        NOTHING if behind is None else _ms(behind["value_s"], behind["std_s"]),
+    ]
+
+
+def _of_level(response: Mapping[str, Any], name: str) -> str:
+    """Without a model where that is measured, else by the fit."""
+    crossing, fit = response["crossing"][name], response["fit"][name]
+    if crossing["state"] == State.MEASURED or fit["state"] != State.MEASURED:
+        return time_words(crossing if crossing["state"] != State.UNKNOWN else fit)
+    return f"{time_words(fit)} {DAGGER}"
+
+
+def time_words(time: Mapping[str, Any]) -> str:
+    """A time in ms with its standard uncertainty; `< limit` or `> limit` where it cannot be told; a dash."""
+    if time["state"] == State.MEASURED:
+        return _ms(time["value_s"], time["std_s"])
+    sign = {State.FASTER: "<", State.SLOWER: ">"}.get(time["state"])
+    return NOTHING if sign is None or time["limit_s"] is None else f"{sign} {number(1e3 * time['limit_s'], 3)}"
+
+
+def _ms(value_s: float, std_s: float) -> str:
+    return with_uncertainty(1e3 * value_s, 1e3 * std_s)
+
+
+def _steps(test: Mapping[str, Any]) -> str:
+    lost = f" ({test['discarded']} discarded)" if test["discarded"] else ""
+    return f"{test['steps']}{lost}"
+
+
+def _remarks(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
+    """What a reader must know of single results, each once with the results that it is about."""
+    about: dict[str, list[str]] = {}
+    for test in tests:
+        where = f"{test['id']} {test['direction']} {test['from_A']:.3g} {ARROW} {test['to_A']:.3g} A"
+        for remark in _remarks_of(test):
+            about.setdefault(remark, []).append(where)
+    for remark, places in about.items():
+        more = f" and {len(places) - SHOWN} more" if len(places) > SHOWN else ""
+        listed = "all results" if len(places) == len(tests) > 1 else f"{', '.join(places[:SHOWN])}{more}"
+        yield f"{remark} ({listed})."
+
+
+def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
+    """What a reader must know of one result."""
+    force = test["force"]
+    if force["why"]:
+        yield _capital(force["why"])
+    if any(force["fit"][name]["state"] == State.SLOWER for name in NAMES):
+        yield "The force did not settle within the window. Fix: a longer window (lower speed or longer stroke)"
+    fast = [name for name in NAMES if force["crossing"][name]["state"] == State.FASTER]
+    if fast:
+        yield f"Too few samples around {', '.join(fast)} to read the time without a model"
+    if not force["first_order"]:
+        yield "The response is not of first order"
+    if force["repeats_scatter"]:
+        yield "The repeats scatter by more than the noise"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _cards(tests: Sequence[ResponseTest], display: Display) -> Iterable[Card]:
+    """Each motion and current in one figure, both steps over each other."""
+    groups: dict[tuple[str, str], list[ResponseTest]] = {}
+    for test in tests:
+        groups.setdefault((test.id, test.direction), []).append(test)
+    for (name, direction), group in groups.items():
+        traces = [trace for test in group if test.curve is not None for trace in _traces(test.curve, test.rises)]
+        if traces:
+            high_A = max(abs(_high_A(test)) for test in group)
+            title = f"{display.speed.text(abs(group[0].velocity_m_s), 3)} {direction}, {high_A:.3g} A"
+            figure = Figure(Axis("Time", "ms"), Axis("Share of the step", "%"), traces, WIDTH, HEIGHT,
+                            title=f"{name}: response at {title}")
+            yield Card((Strong(name), f" {title}"), (Figures((figure,)),))
+
+
+def _traces(curve: Curve, rises: bool) -> list[Trace]:
+    """Force, fit and current of one step, rising or falling."""
+    time_ms = 1e3 * curve.time_s
+
+    def shown(share: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return 100.0 * (share if rises else 1.0 - share)
+
+    what = "on" if rises else "off"
+    return [
+        Trace(time_ms, shown(curve.current), Style.RESIDUAL, f"current, {what}", RESIDUAL),
+        Trace(time_ms, shown(curve.force), Style.MEASURED, f"force, {what}", MEASURED),
+        Trace(time_ms, shown(curve.fit), Style.FITTED, f"fit, {what}", FITTED),
+    ]
+
+
+def _summary(tests: Sequence[ResponseTest], display: Display) -> list[Block]:
+    """Time to 95 % (63 % where that is not measured everywhere) over velocity and over current."""
+    place = len(LEVELS) - 1 if all(test.best(len(LEVELS) - 1).measured for test in tests) else 0
+    known = [test for test in tests if test.best(place).measured]
+    if len(known) < 2:
+        return []
+    name = NAMES[place]
+    figures = [
+        _over(known, place, Axis("Velocity", display.speed.unit), f"{name} vs. velocity",
+              lambda test: display.speed.signed(test.velocity_m_s), lambda test: f"{_high_A(test):.3g} A"),
+        _over(known, place, Axis("Current", "A"), f"{name} vs. current", _high_A,
+              lambda test: f"{display.speed.text(abs(test.velocity_m_s), 2)} {test.direction}"),
+    ]
+    return [Figures(tuple(figures), across=2)]
+
+
+def _high_A(test: ResponseTest) -> float:
+    return max((test.from_A, test.to_A), key=abs)
+
+
+def _over(
+    tests: Sequence[ResponseTest], place: int, axis: Axis, title: str, at: Any, group: Any,  # noqa: ANN401 - test -> number or name
+) -> Figure:
+    """Times over one quantity: a line for each group and direction of the step, with 95 % intervals."""
+    lines: dict[str, list[ResponseTest]] = {}
+    for test in tests:
+        lines.setdefault(f"{group(test)}, {'on' if test.rises else 'off'}", []).append(test)
+    traces = []
+    for index, (name, members) in enumerate(lines.items()):
+        colour = category_colour(index)
+        ordered = sorted(members, key=at)
+        times = [test.best(place) for test in ordered]
+        x, y = np.array([at(test) for test in ordered]), np.array([1e3 * time.value_s for time in times])
+        # A line over both directions of the motion would pass through standstill.
+        breaks = [k + 1 for k, (one, other) in enumerate(pairwise(x)) if one < 0.0 < other]
+        traces.append(Trace(np.insert(x, breaks, math.nan), np.insert(y, breaks, math.nan), Style.MEASURED, name,
+                            colour))
+        for place_x, time in zip(x, times, strict=True):
+            traces.append(Trace(np.full(2, place_x), 1e3 * np.array([time.low_s, time.high_s]), Style.RESIDUAL, "",
+                                colour))
+    return Figure(axis, Axis(title.split(" ")[0], "ms"), traces, WIDTH, HEIGHT + 40, title=title, legend=True)
