@@ -121,8 +121,8 @@ class Matrix(Section):
 
     @property
     def wants_fit(self) -> bool:
-        """A model is to be identified; not from hybrid or endurance tests alone."""
-        special = self.hybrid is not None or self.endurance
+        """A model is to be identified; not from hybrid, endurance or response tests alone."""
+        special = self.hybrid is not None or self.endurance or self.response
         tests_only = special and all(point.kind not in {LOOP, SIGNAL} for point in self.points())
         return self.identify.enabled and not tests_only
 
