@@ -50,11 +50,13 @@ from rig.recording.quality.verdict import Verdict
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import REANALYSIS, Run, read_campaign
 from rig.report.document import written_report
+from rig.test_point import ENDURANCE
 from rig.text_file import read_json
 
 COPIED = (
     CampaignFolder.bench, CampaignFolder.matrix, CampaignFolder.details, CampaignFolder.journal,
     CampaignFolder.baseline, CampaignFolder.operator, CampaignFolder.records, CampaignFolder.reference,
+    CampaignFolder.drives,
 )
 """Files and folders of the original that the result needs."""
 SESSIONS = "bench-session*.toml"
@@ -239,6 +241,8 @@ def _remade(point: RecordedPoint, target: Path) -> str:
     if point.imported:
         _judge_imported(point, target)
         return "imported: the file contains no received samples; only the verdict was made again"
+    if point.kind == ENDURANCE:
+        return "endurance block: the file contains the samples of some cycles only, so it was copied"
     return "the file contains no received samples: an earlier version did not store them"
 
 

@@ -25,6 +25,7 @@ from rig.recording.point_files import FinishedPoint
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.chunked_column import parts
+from rig.test_point import ENDURANCE
 
 REANALYSED = "reanalysed_"
 """Attributes of `/entry/provenance` with this beginning stay when a file is made again once more."""
@@ -33,7 +34,10 @@ NEEDED = ("context", "journal_end")
 
 
 def can_be_rebuilt(point: RecordedPoint) -> bool:
-    """Whether a point's file contains what it was made from; an imported test, or a file of another program, does not.
+    """Whether a point's file contains what it was made from.
+
+    An imported test and a file of another program do not; the file of an endurance block has the samples of some of its
+    cycles only.
 
     Args:
         point: opened from its file.
@@ -41,7 +45,7 @@ def can_be_rebuilt(point: RecordedPoint) -> bool:
     Raises:
         FileProblem: the file cannot be trusted.
     """
-    if point.path is None or any(name not in point.provenance for name in NEEDED):
+    if point.path is None or point.kind == ENDURANCE or any(name not in point.provenance for name in NEEDED):
         return False
     with opened(point.path) as file:
         return "raw" in file["entry"] and "events" in file["entry"] and "host_ns" in file["entry/events"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import shutil
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -22,11 +23,13 @@ from rig.fits.fit_record import FitRecord
 from rig.reanalysis import ReanalysisOptions, reanalyse, reanalyse_each
 from rig.reanalysis.changes import Cause, value_changes
 from rig.recording.conversion.delay_correction import write_verdict
+from rig.recording.conversion.rebuilding import can_be_rebuilt
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.quality.verdict import Verdict, suspect
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from rig.test_point import ENDURANCE, LOOP
 
 NO_FIT = ReanalysisOptions(fit=False)
 
@@ -184,6 +187,9 @@ def test_what_cannot_be_made_again_is_named_and_abandoned_results_are_removed(ca
     assert len(result.left_out) == 1
     assert "p003" in result.left_out[0]
     assert any("rig recover" in remark for remark in result.remarks)
+    block = replace(RecordedPoint.open(points / "p001.h5"), kind=ENDURANCE)
+    assert can_be_rebuilt(replace(block, kind=LOOP))
+    assert not can_be_rebuilt(block), "the file of a block has only some of its samples"
     kept = result.points[1]
     assert kept.remark.startswith("the file contains no received samples")
     assert not kept.changed
