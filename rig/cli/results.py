@@ -7,7 +7,7 @@ import os
 import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -197,13 +197,13 @@ def _opened(folder: Path, url: str | None, *, rebuild: bool) -> Iterator[tuple[A
     from rig.results.filling import filled_database
     from rig.results.reader import open_results
 
-    with progress_bar("reading runs") as report_progress:
-        if url is None:
-            with filled_database(folder, rebuild=rebuild, report_progress=report_progress) as (database, filled):
-                yield database, filled.notes
-        else:
-            with open_results(folder, url) as (database, filled):
-                yield database, filled.notes
+    with ExitStack() as opened:
+        with progress_bar("reading runs") as report_progress:  # gone before the values are shown
+            database, filled = opened.enter_context(
+                filled_database(folder, rebuild=rebuild, report_progress=report_progress) if url is None
+                else open_results(folder, url)
+            )
+        yield database, filled.notes
 
 
 def _plain(row: ResultRow) -> dict[str, Any]:
