@@ -22,6 +22,8 @@ LONGEST_BLOCK_S = 600.0
 """A block that the matrix file does not size; statistics and stop rules are evaluated after each block."""
 MOST_BLOCK_CYCLES = 10_000
 FEWEST_BLOCK_CYCLES = 10
+END = "end"
+"""In the ids of the performance points after the last cycle."""
 
 Cycles = Annotated[int, Field(ge=FEWEST_BLOCK_CYCLES, le=100_000_000)]
 Decrease = Annotated[float, Quantity("ratio", "0.1 %", "99 %")]
@@ -144,8 +146,9 @@ class Endurance(OneMotion):
                 points.append(replace(block, id=f"{name}-b{number:0{width}d}", cycles=size, endurance=step))
                 done += size
             step = EnduranceStep(name, done, self.cycles)
+            after = done if done < self.cycles else END  # a stop rule may bring the end forward
             points += [
-                replace(point, id=f"{point.id}-{name}-{done}", endurance=step)
+                replace(point, id=f"{point.id}-{name}-{after}", endurance=step)
                 for point in performance if point.kind != HYBRID
             ]
         return points

@@ -191,7 +191,7 @@ def _performance(test: EnduranceTest, display: Display) -> Blocks:
     if not several:
         return []
     return [
-        Heading("Performance points", 4), *_peak_table(several, display),
+        Heading("Performance points", 3), *_peak_table(several, display),
         Keys(tuple(_keys(several))), Figures((Panels(tuple(_loops(several, display)), 2, "Performance points"),)),
     ]  # fmt: skip
 
@@ -275,4 +275,4 @@ def _interrupted(test: EnduranceTest) -> Blocks:
         Column("Block", "", True), Column("File"), Column("Cycles before", "", True), Column("Cycles run", "", True),
         Column("With statistics", "", True), Column("Without a record", "", True), Column("Verdict"),
     )  # fmt: skip
-    return [Heading("Blocks that are not valid", 4), table(head, rows)]
+    return [Heading("Blocks that are not valid", 3), table(head, rows)]

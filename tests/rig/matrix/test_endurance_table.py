@@ -48,7 +48,7 @@ def test_blocks_and_performance_points_alternate(tmp_path: Path) -> None:
     ids = [point.id for point in points]
     assert ids == [
         "p001", "p002", "wear-b1", "wear-b2", "wear-b3", "p001-wear-400", "p002-wear-400", "wear-b4", "wear-b5",
-        "wear-b6", "p001-wear-800", "p002-wear-800", "wear-b7", "wear-b8", "p001-wear-1000", "p002-wear-1000",
+        "wear-b6", "p001-wear-800", "p002-wear-800", "wear-b7", "wear-b8", "p001-wear-end", "p002-wear-end",
     ]
     blocks = [point for point in points if point.kind == ENDURANCE]
     assert [point.cycles for point in blocks] == [133, 133, 134, 133, 133, 134, 100, 100]
