@@ -14,7 +14,7 @@ from rig.files.quantity import Quantity
 from rig.files.section import Section
 from rig.matrix.motion_size import SPEED, STROKE, Amplitude, Frequency, PeakSpeed, Stroke
 from rig.matrix.sections import CoilCurrent, Identifier, OneMotion, RampCycles, WaveformName
-from rig.signals.waveform import SINE
+from rig.signals.waveform import SINE, waveform_named
 from rig.signals.wear_trend import StopRule, stop_rule
 from rig.test_point import ENDURANCE, HYBRID, EnduranceStep, TestPoint
 
@@ -94,6 +94,10 @@ class Endurance(OneMotion):
         if self.run_in >= self.cycles:
             text = f"{self.run_in} cycles leaves no cycle for the baseline; the test has {self.cycles} cycles"
             yield ("run_in",), f"{text}. Fix: reduce run_in"
+
+        if self.stop.friction_up is not None and waveform_named(self.waveform).corner_share is not None:
+            text = f"friction cannot be separated from viscous force in a {self.waveform}, whose speed is constant"
+            yield ("stop", "friction_up"), f'{text}. Fix: waveform = "sine", or remove friction_up'
 
     @property
     def most_in_a_block(self) -> int:

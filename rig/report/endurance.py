@@ -143,8 +143,13 @@ def _wear(test: EnduranceTest, display: Display) -> Blocks:
     figures += list(_rule_figures(test, rows))
     return [
         Keys((Key("median of a section", MEASURED), Key("limit", FITTED), Key("forecast", RESIDUAL))),
-        Figures((Panels(tuple(figures), 2, "Wear over the cycles"),)),
+        *_in_rows(figures, "Wear over the cycles"),
     ]
+
+
+def _in_rows(figures: Sequence[Figure], title: str) -> Blocks:
+    """Figures two by two, a row a block: a printed page breaks between rows."""
+    return [Figures((Panels(tuple(figures[place : place + 2]), 2, title),)) for place in range(0, len(figures), 2)]
 
 
 def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, str, FloatArray]]:
@@ -192,7 +197,7 @@ def _performance(test: EnduranceTest, display: Display) -> Blocks:
         return []
     return [
         Heading("Performance points", 3), *_peak_table(several, display),
-        Keys(tuple(_keys(several))), Figures((Panels(tuple(_loops(several, display)), 2, "Performance points"),)),
+        Keys(tuple(_keys(several))), *_in_rows(list(_loops(several, display)), "Performance points"),
     ]  # fmt: skip
 
 

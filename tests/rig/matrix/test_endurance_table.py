@@ -93,6 +93,7 @@ def test_endurance_alone_is_no_fit(tmp_path: Path) -> None:
         (("block = 150", "block = 20000"), "endurance[1].block"),
         (("block = 150", "block = 150\nrun_in = 1000"), "no cycle for the baseline"),
         (('force_down = "20 %"', 'force_down = "120 %"'), "endurance[1].stop.force_down"),
+        (("[endurance.stop]", 'waveform = "triangle"\n[endurance.stop]\nfriction_up = "20 %"'), "cannot be separated"),
         (('force_down = "20 %"', 'forcedown = "20 %"'), "force_down"),
         (("cycles = 1000\nblock = 150\nperformance_every = 400", "cycles = 10000000\nblock = 10"), "longer blocks"),
     ],

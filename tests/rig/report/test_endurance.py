@@ -62,7 +62,7 @@ def test_counts_rules_and_forecast_are_shown() -> None:
         ["sine 10 mm 1 Hz", "1", "200", "800", "-20.0", "\u2212800", "-20.0"],
     ]
     assert str(invalid.rows[0].cells[1]) == "wear-b1"
-    assert sum(isinstance(block, Figures) for block in blocks) == 2
+    assert sum(isinstance(block, Figures) for block in blocks) == 5
     assert any("Stop rule" in str(line) for line in lines(blocks, 80))
     assert pdf(Document("endurance", blocks)).startswith(b"%PDF")
 
