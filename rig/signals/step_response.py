@@ -718,7 +718,8 @@ def onsets(records: Sequence[Record]) -> tuple[FloatArray, float] | None:
         records: one for each step; time 0 is near the step.
 
     Returns:
-        The instants (n,), s, and their mean standard error (s); None where no lag describes the records.
+        The instants (n,), s, and their mean standard error (s); None where no lag describes the records, or the lag is
+        shorter than the interval of the samples.
     """
     group = _Group(records, Seen(drifts=False))
     first = group.fitted()
@@ -738,5 +739,7 @@ def onsets(records: Sequence[Record]) -> tuple[FloatArray, float] | None:
     slopes = np.asarray(solved.jac, np.float64)
     covariance = power * np.linalg.pinv(slopes.T @ slopes)
     std_s = math.sqrt(float(np.mean(np.diag(covariance)[:-1])))
-    known = np.all(np.isfinite(solved.x)) and std_s < 0.5 * group.sample_s
+    # Between two samples, the instant and the lag cannot be distinguished.
+    resolved = math.exp(float(solved.x[-1])) >= group.sample_s
+    known = resolved and np.all(np.isfinite(solved.x)) and std_s < 0.5 * group.sample_s
     return (np.asarray(solved.x[:-1]), std_s) if known else None

@@ -151,6 +151,15 @@ def test_the_onsets_of_a_current_are_found_step_by_step() -> None:
     assert seen[1] < 2e-4
 
 
+def test_onsets_between_coarse_samples_are_not_known() -> None:
+    """A supply that reports its current every 0.1 s, and a coil of 40 ms: any instant within 0.1 s is possible."""
+    rng, made = np.random.default_rng(4), []
+    for _ in range(4):
+        time_s = np.arange(-0.5, 0.6, 0.1) + rng.uniform(0.0, 0.1)
+        made.append(Record(time_s, filtered_lag(time_s, 0.0, 0.04, None) + 0.002 * rng.standard_normal(len(time_s))))
+    assert onsets(made) is None
+
+
 def test_records_without_samples_on_one_side_are_not_used() -> None:
     late = Record(np.arange(0.0, 0.1, 0.004), np.ones(25))
     assert step_response([late]).why == "too few samples before or after the step"
