@@ -61,6 +61,17 @@ def _numbers(ctx: click.Context, param: click.Parameter, value: tuple[str, ...])
         raise click.BadParameter(f"got {value!r}, expected numbers, or none", ctx, param) from error
 
 
+def _sheets(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> str | tuple[str, ...] | None:
+    """One name, or several; None where the option is not given.
+
+    Raises:
+        BadParameter: `all` together with names.
+    """
+    if "all" in value and len(value) > 1:
+        raise click.BadParameter("got all and further names, expected either all or names of sheets", ctx, param)
+    return value if len(value) > 1 else next(iter(value), None)
+
+
 def _separator(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
     """One sign, or the words tab and space.
 
@@ -131,8 +142,9 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     help="CSV, workbook: how to treat rows of text between or after rows of numbers (reject the file, skip these rows, "
     "or split the file at these rows into several tests).",
 )
-@click.option("--sheet", metavar="NAME", help="Excel: sheet that contains the test; all: one test for each sheet that "
-                                              "contains a table.")
+@click.option("--sheet", multiple=True, callback=_sheets, metavar="NAME",
+              help="Excel: sheet that contains a test. Repeat the option for several sheets, or use * as a wildcard; "
+                  "all: one test for each sheet that contains a table.")
 @click.option("--encoding", metavar="NAME", help="CSV: character encoding, such as cp1252 or utf-16-le.")
 @click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line number of the column names; 0 if "
     "there is no such line.")
@@ -174,7 +186,7 @@ def command(
     ctx: click.Context, /, files: tuple[Path, ...], like: Path | None, specimen: str, details: Path | None,
     dry_run: bool, out: Path, as_json: bool, **options: Any,  # noqa: ANN401 - one for each field of the import's settings
 ) -> int:
-    """Convert FILES (CSV, LVM, workbooks, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
+    """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
 
     The layout of a CSV file (separators, encoding, header lines, time stamps) is detected and shown; options override
     the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
@@ -267,18 +279,19 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
         raise problem
     stated = {name: options[name] for name in vars(Dialect()) if options.get(name) is not None}
     shown = console()
-    for title, columns, hints in column_lists(files[0], Dialect(**stated)):
-        shown.print(f"{files[0]}{title}; its columns:", markup=False, soft_wrap=True)
-        width = max(len(name) for name, _ in columns)
-        for number, (name, unit) in enumerate(columns, 1):
-            shown.print(f"  #{number:<4} {name:<{width}}  {unit or 'no unit: write NAME:UNIT'}", markup=False,
-                        soft_wrap=True)
-        chosen = " ".join(hints.get(quantity) or f"--column {quantity}=NAME"
-                          for quantity in ("time", "displacement", "force"))
-        current = hints.get("current") or current_hint(files)
-        shown.print(f"Nothing was imported. Specify the columns:\n  rig import {_as_typed(files)} {chosen} {current}",
-                    markup=False, soft_wrap=True)
-        break
+    # of several sheets the one that most resembles a test
+    title, columns, hints = max(column_lists(files[0], Dialect(**stated)), key=lambda listed: len(listed[2]))
+    shown.print(f"{files[0]}{title}; its columns:", markup=False, soft_wrap=True)
+    width = max(len(name) for name, _ in columns)
+    for number, (name, unit) in enumerate(columns, 1):
+        shown.print(f"  #{number:<4} {name:<{width}}  {unit or 'no unit: write NAME:UNIT'}", markup=False,
+                    soft_wrap=True)
+    chosen = [hints.get(quantity) or f"--column {quantity}=NAME" for quantity in ("time", "displacement", "force")]
+    chosen.append(hints.get("current") or current_hint(files))
+    sheets = [stated["sheet"]] if isinstance(stated.get("sheet"), str) else stated.get("sheet", ())
+    chosen += [f"--sheet {shlex.quote(sheet)}" for sheet in sheets]
+    shown.print(f"Nothing was imported. Specify the columns:\n  rig import {_as_typed(files)} {' '.join(chosen)}",
+                markup=False, soft_wrap=True)
     return EXIT_USAGE
 
 

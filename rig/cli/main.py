@@ -54,7 +54,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "report": ("rig.cli.report", "Write the report for a run (HTML, PDF)."),
         "compare": ("rig.cli.compare", "Compare runs; check them against acceptance bands."),
         "export": ("rig.cli.export", "Export a run or a fit for use in another program."),
-        "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
+        "import": ("rig.cli.importing", "Convert test files (CSV, Excel, MATLAB, ...) to a run."),
         "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
         "quality": ("rig.cli.quality", "Check the process: control charts, golden damper, gauge R&R, capability."),
         "reanalyse": ("rig.cli.reanalyse", "Analyse old runs again with this version; show what has changed."),

@@ -9,8 +9,8 @@ from enum import StrEnum
 from typing import Any
 
 from rig.comparison.bands import Band, Bands, LoopBand, ParameterBand
-from rig.comparison.changes import Change, Transfer, change, transfer
-from rig.comparison.readings import QUANTITIES, LoopReading, Motion, Reading, RunReadings, plain
+from rig.comparison.changes import Change, change, transfer
+from rig.comparison.readings import QUANTITIES, LoopReading, Motion, Reading, RunReadings, one_to_one, plain
 from rig.display import Display, Shown
 from rig.errors import FileProblem
 from rig.matrix.acceptance_table import Decision
@@ -179,14 +179,16 @@ def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> 
     if problems:
         raise FileProblem(file, problems, "config-absurd")
     results = []
+    references = [_references(run, runs[0]) for run in runs]
     for key, band in bands.all:
         for index, run in enumerate(runs):
             values = list(_values(key, band, run))
             if band.low is not None or band.high is not None:
                 results += [_result(bands, band, run, value) for value in values]
             if band.most_change is not None and index > 0:
-                values += _missing(key, band, run, runs[0])
-                results += [_changed(bands, band, run, value, runs[0], key) for value in values]
+                reference = references[index]
+                values += _missing(key, band, run, runs[0], reference)
+                results += [_changed(bands, band, run, value, runs[0], key, reference) for value in values]
     return AcceptanceResult(bands.name, bands.decision, tuple(results))
 
 
@@ -209,6 +211,8 @@ class _Value:
 
 
 NONE = Reading(math.nan, math.nan)
+References = Mapping[tuple[str, ...], LoopReading]
+"""The first run's reading of a motion, by the points of a later run that have this motion."""
 
 
 def _wrong_units(bands: Bands, runs: Sequence[RunReadings]) -> Iterator[str]:
@@ -251,14 +255,21 @@ def _chosen(key: str, band: LoopBand, loops: Sequence[LoopReading]) -> list[Loop
     return [loop for loop in loops if band.holds(loop) and not (passive and loop.motion.current_A == 0.0)]
 
 
-def _missing(key: str, band: Band, run: RunReadings, first: RunReadings) -> list[_Value]:
+def _references(run: RunReadings, first: RunReadings) -> References:
+    """The first run's reading of each motion of a run that both have."""
+    pairs = one_to_one([loop.motion for loop in run.loops], [loop.motion for loop in first.loops])
+    return {run.loops[own].ids: first.loops[other] for own, other in pairs.items()}
+
+
+def _missing(key: str, band: Band, run: RunReadings, first: RunReadings, references: References) -> list[_Value]:
     """Motions that the first run has and a band is about, but that a later run was not tested with."""
     if not isinstance(band, LoopBand) or band.point is not None or not _chosen(key, band, run.loops):
         return []
-    loops = (*run.loops, *run.missing)
+    known = {loop.ids for loop in references.values()}
     return [
         _Value(key, QUANTITIES[key].unit, loop.motion.label, NONE, (), f"{run.name} does not contain this test", loop)
-        for loop in _chosen(key, band, first.loops) if not any(loop.motion.same_as(other.motion) for other in loops)
+        for loop in _chosen(key, band, first.loops)
+        if loop.ids not in known and not any(loop.motion.same_as(other.motion) for other in run.missing)
     ]
 
 
@@ -279,15 +290,18 @@ def _result(bands: Bands, band: Band, run: RunReadings, value: _Value) -> Result
 
 def _changed(
     bands: Bands, band: Band, run: RunReadings, value: _Value, first: RunReadings, key: str,
+    references: References,
 ) -> Result:  # fmt: skip
     """A value's change against the first run's, in percent."""
     most = 100.0 * (band.most_change or 0.0)
-    before = _before(band, value, first, key)
+    loop = None if value.loop is None else references.get(value.loop.ids)
+    before = _before(band, value, first, key, loop)
     same = "this is the first run: identical data cannot show a change" if run.identity == first.identity else ""
     why = value.why or same or ("" if before is not None else f"{first.name} does not contain this value")
     known = None if why or before is None else change(
         before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell,
-        moved=_transfer(key, value, first),
+        moved=None if value.loop is None or loop is None else transfer(
+            QUANTITIES[key], loop.motion, value.loop.motion),
     )  # fmt: skip
     if known is not None and not math.isfinite(known.percent):
         why = "the value of the first run does not differ significantly from 0, so a relative change is undefined"
@@ -298,19 +312,14 @@ def _changed(
     ), bands, complete=math.isfinite(known.percent_std))
 
 
-def _transfer(key: str, value: _Value, first: RunReadings) -> Transfer | None:
-    """What brings a loop's value to the motion of the first run's."""
-    loop = None if value.loop is None else first.loop_of(value.loop.motion)
-    return None if value.loop is None or loop is None else transfer(QUANTITIES[key], loop.motion, value.loop.motion)
-
-
-def _before(band: Band, value: _Value, first: RunReadings, key: str) -> Reading | None:
+def _before(
+    band: Band, value: _Value, first: RunReadings, key: str, loop: LoopReading | None
+) -> Reading | None:
     if isinstance(band, ParameterBand):
         fitted = first.parameters.get(band.name)
         return None if fitted is None or fitted.why else fitted.reading
     if value.loop is None:
         return first.singles.get(key)
-    loop = first.loop_of(value.loop.motion)
     return None if loop is None else loop.values.get(key)
 
 

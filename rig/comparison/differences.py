@@ -22,6 +22,7 @@ from rig.comparison.readings import (
     Motion,
     Reading,
     RunReadings,
+    one_to_one,
     readings_of,
 )
 from rig.display import Display
@@ -179,7 +180,12 @@ class Comparison:
                     if first.motion.waveform == loop.motion.waveform and first.motion.at_current_of(loop.motion)
                 ]
                 apart, nearest = min(others, key=lambda pair: pair[0], default=(math.inf, loop.motion))
-                if apart < NEARBY:
+                if apart < NEARBY and nearest.same_as(loop.motion):
+                    yield (
+                        f"{run.name}: {loop.motion.phrase(self.display)} is not compared: the nearest motion in the "
+                        f"first run, {nearest.phrase(self.display)}, is compared with another motion of this run"
+                    )
+                elif apart < NEARBY:
                     yield (
                         f"{run.name}: {loop.motion.phrase(self.display)} is not compared: the nearest motion in the "
                         f"first run, {nearest.phrase(self.display)}, differs by {100.0 * apart:.2g} %, more than the "
@@ -307,9 +313,16 @@ def _readings_at(path: Path) -> RunReadings:
 def motion_rows(runs: Sequence[RunReadings]) -> tuple[MotionRow, ...]:
     """Every motion of any run once, in the order of current, waveform and speed."""
     motions: list[Motion] = []
-    for run in runs:
-        motions += [loop.motion for loop in run.loops if not any(known.same_as(loop.motion) for known in motions)]
-    rows = [MotionRow(motion, tuple(run.loop_of(motion) for run in runs)) for motion in motions]
+    loops: list[list[LoopReading | None]] = []
+    for index, run in enumerate(runs):
+        pairs = one_to_one(motions, [loop.motion for loop in run.loops])
+        for at, row in enumerate(loops):
+            row.append(run.loops[pairs[at]] if at in pairs else None)
+        known = {*pairs.values()}
+        alone = [loop for at, loop in enumerate(run.loops) if at not in known]
+        motions += [loop.motion for loop in alone]
+        loops += [[*[None] * index, loop] for loop in alone]
+    rows = [MotionRow(motion, tuple(row)) for motion, row in zip(motions, loops, strict=True)]
     return tuple(sorted(rows, key=lambda row: (
         row.motion.waveform, row.motion.current_A, row.motion.amplitude_m * row.motion.frequency_Hz,
     )))

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.loop import LoopCharacteristics, Measured, over_repeats
@@ -19,6 +20,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import REANALYSIS, Run
 from rig.signals.delay_estimation.sample_match import student
 from rig.signals.test_set import (
+    MOTION_SHARE,
     NOMINAL_SHARE,
     CurrentReading,
     MotionReading,
@@ -35,6 +37,8 @@ COVERAGE = 2.0
 NEAR_ZERO = 0.05
 """Share of the larger force of a test up to which the other one is near zero: its relative change says nothing."""
 EXACT = 1e-6
+LESS_THAN_ALONE = 0.99
+"""Largest difference in a pair of motions, as a share of `MOTION_SHARE`: what can be one test is better than alone."""
 PEAK_OF_MEAN = {"sine": math.pi / 2.0, "triangle": 1.0}
 """Peak speed of a waveform over its mean one, which is four amplitudes a cycle."""
 
@@ -243,10 +247,24 @@ class RunReadings:
         """The run's name."""
         return self.run.name
 
-    def loop_of(self, motion: Motion) -> LoopReading | None:
-        """The reading of a motion, of several that can be it the nearest; None where the run has none."""
-        there = [loop for loop in self.loops if loop.motion.same_as(motion)]
-        return min(there, key=lambda loop: loop.motion.apart_from(motion), default=None)
+
+def one_to_one(motions: Sequence[Motion], others: Sequence[Motion]) -> dict[int, int]:
+    """Which motion of one list is which of another; each motion is in one pair at most.
+
+    Two speeds of one test can differ by less than the tolerance of `Motion.same_as`. The pairs therefore minimise the
+    sum of the squared relative differences, where a motion without a partner counts as the largest difference.
+
+    Returns:
+        Indices of `motions` -> indices of `others`.
+    """
+    alone = 1.0
+    costs = np.full((len(motions), len(others)), alone)
+    for row, motion in enumerate(motions):
+        for column, other in enumerate(others):
+            if motion.same_as(other):
+                costs[row, column] = min(motion.apart_from(other) / MOTION_SHARE, LESS_THAN_ALONE) ** 2
+    rows, columns = linear_sum_assignment(costs)
+    return {int(row): int(column) for row, column in zip(rows, columns, strict=True) if costs[row, column] < alone}
 
 
 def readings_of(run: Run, characteristics: Characteristics | None = None) -> RunReadings:

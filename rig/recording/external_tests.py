@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -34,6 +35,8 @@ from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.plausibility import TestSize, doubts
 from rig.signals.sample_times import SampleTimes, sample_times
 
+MORE_SHEETS = 2
+"""So many further sheets that do not fit are shown, with their first problem each."""
 FEWEST_ROWS = 16
 SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
 """Sample rates of damper tests."""
@@ -208,10 +211,33 @@ def _read_file(file: Path, settings: ImportSettings, pattern: Pattern | None) ->
         FileProblem: one line for each thing that does not fit.
     """
     tables, sha256 = _opened(file, settings)
+    if len(tables) == 1:
+        return _tests_of(file, sha256, tables[0][1], "", settings, pattern)
     tests: list[ImportedTest] = []
+    problems: dict[str, Sequence[str]] = {}
     for name, opened in tables:
-        tests += _tests_of(file, sha256, opened, name if len(tables) > 1 else "", settings, pattern)
+        try:
+            tests += _tests_of(file, sha256, opened, name, settings, pattern)
+        except FileProblem as error:
+            problems[name] = error.problems
+    if problems:
+        raise FileProblem(str(file), list(_of_sheets(problems, [name for name, _ in tables])))
     return tests
+
+
+def _of_sheets(problems: Mapping[str, Sequence[str]], sheets: Sequence[str]) -> Iterator[str]:
+    """What does not fit in the sheets of a workbook, in detail in the first one only, and which sheets fit."""
+    first, *more = problems
+    for text in problems[first]:
+        yield text if text.startswith(f"{first}: ") else f"sheet {first!r}: {text}"
+    for name in more[:MORE_SHEETS]:
+        yield f"sheet {name!r}: {problems[name][0].removeprefix(f'{name}: ')}"
+    if more[MORE_SHEETS:]:
+        yield f"also not imported: {', '.join(f'sheet {name!r}' for name in more[MORE_SHEETS:])}"
+    fitting = [name for name in sheets if name not in problems]
+    if fitting:
+        options = " ".join(f"--sheet {shlex.quote(name)}" for name in fitting)
+        yield f"the other sheets can be imported: {options}"
 
 
 def _tests_of(

@@ -150,7 +150,8 @@ def conditions(
         "Customer": table.customer, "Order number": table.order_number, "Laboratory": table.laboratory,
         "Operator": details.operator or "not given", "Bench": bench_of(run), "Load cell": _instrument(load_cell or {}),
         "Motions": _motions(points, display, terms), "Currents": _currents(points), "Cycles evaluated": _cycles(loops),
-        "Static gas force": gas_force, "Coil temperature": _temperatures(points, display),
+        "Static gas force": gas_force,
+        "Temperature" if _imported(run) else "Coil temperature": _temperatures(points, display),
         "Signs": f"force, displacement and velocity are positive in {display.positive}", "Conditions": table.conditions,
     }  # fmt: skip
     notes: dict[str, object] = {"Notes": "\n".join(details.notes[:MOST_NOTES])}

@@ -152,7 +152,7 @@ class Dialect:
         thousands: sign between thousands: comma, point, apostrophe, " " for any space; "": there is none.
         event_rows: what becomes of rows of words between rows of numbers: `refuse`, `skip` or `split` (the rows before
             and after are tests of their own).
-        sheet: of a workbook; None: the only one that holds a table.
+        sheet: of a workbook, one name or several; None: the only one that holds a table.
     """
 
     separator: str | None = None
@@ -162,7 +162,7 @@ class Dialect:
     units_line: int | None = None
     thousands: str | None = None
     event_rows: str = "refuse"
-    sheet: str | None = None
+    sheet: str | tuple[str, ...] | None = None
 
 
 def read_bytes(file: Path) -> bytes:

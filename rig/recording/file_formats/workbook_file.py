@@ -11,6 +11,7 @@ import subprocess
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -69,7 +70,8 @@ def open_workbook(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, S
     Args:
         file: of the content.
         data: the content.
-        stated: the sheet that the user names; `all`: every visible sheet with a table.
+        stated: the sheets that the user names, `*` and `?` standing for any characters; `all`: every visible sheet
+            with a table.
 
     Raises:
         FileProblem: it is damaged or protected, needs too much memory, has no table or several, or python-calamine is
@@ -84,17 +86,16 @@ def open_workbook(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, S
     if find_spec("python_calamine") is None:
         raise FileProblem(str(file), [f"this file is an {kind}; workbooks require python-calamine: {INSTALL_FILES}"])
     sheets = {sheet.name: sheet for sheet in _sheets(file, data, kind, stated.decimal)}
-    if stated.sheet in sheets:
-        return [(stated.sheet, SheetFile(file, data, kind, sheets[stated.sheet], stated))]
-    if stated.sheet not in {None, ALL_SHEETS}:
-        raise FileProblem(str(file), [f"the workbook has no sheet {stated.sheet!r}; its sheets: {_quoted(sheets)}"])
+    names = (stated.sheet,) if isinstance(stated.sheet, str) else stated.sheet or ()
+    if names and (names != (ALL_SHEETS,) or ALL_SHEETS in sheets):
+        return [(name, SheetFile(file, data, kind, sheets[name], stated)) for name in _chosen(file, sheets, names)]
     every = [(name, opened) for name, sheet in sheets.items()
              if (opened := _table(file, data, kind, sheet, stated)) is not None]  # fmt: skip
     tables = [(name, opened) for name, opened in every if not sheets[name].hidden] or every
     if stated.sheet is None and len(tables) > 1:
         raise FileProblem(str(file), [
-            f"{len(tables)} sheets contain tables: {_quoted([name for name, _ in tables])}. Fix: use --sheet NAME, or "
-            "--sheet all for one test per sheet"
+            f"{len(tables)} sheets contain tables: {_quoted([name for name, _ in tables])}. Fix: use --sheet NAME for "
+            "each sheet to import, or --sheet all for one test per sheet"
         ])
     if not tables:
         raise FileProblem(str(file), [f"the {kind} contains no rows of numbers; its sheets: {_quoted(sheets)}",
@@ -165,6 +166,23 @@ def _table(file: Path, data: bytes, kind: str, sheet: Sheet, stated: Dialect) ->
         return SheetFile(file, data, kind, sheet, stated)
     except FileProblem:
         return None
+
+
+def _chosen(file: Path, sheets: dict[str, Sheet], names: Sequence[str]) -> list[str]:
+    """The sheets that the user names, in the order of the workbook; a pattern stands for visible sheets.
+
+    Raises:
+        FileProblem: a name is that of no sheet.
+    """
+    chosen: set[str] = set()
+    for name in names:
+        matching = {name} & sheets.keys() or {
+            one for one, sheet in sheets.items() if not sheet.hidden and fnmatchcase(one, name)
+        }
+        if not matching:
+            raise FileProblem(str(file), [f"the workbook has no sheet {name!r}; its sheets: {_quoted(sheets)}"])
+        chosen |= matching
+    return [name for name in sheets if name in chosen]
 
 
 def _quoted(names: Sequence[str] | dict[str, Sheet]) -> str:

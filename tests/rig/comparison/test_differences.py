@@ -130,6 +130,25 @@ def test_measured_motions_too_far_for_a_correction_are_not_compared(made_run: Ma
     assert any("13.45 mm" in remark and "is not compared" in remark for remark in compared.remarks)
 
 
+def test_two_motions_closer_than_the_tolerance_are_paired_one_to_one(made_run: Make, made_point: Make) -> None:
+    """1.028 Hz had vanished: 1.012 Hz was compared with both 1.000 and 1.016 Hz."""
+    runs = []
+    for name, frequencies_Hz in (("a", (1.0, 1.016)), ("b", (1.012, 1.028)), ("c", (1.016, 1.032))):
+        runs.append(made_run(name))
+        for number in range(4):  # at two currents each: a frequency that is repeated exactly is a tested one
+            made_point(runs[-1], f"p{number + 1:03}", 1000.0, frequency_Hz=frequencies_Hz[number // 2],
+                       current_A=0.5 + number % 2, imported=True)  # fmt: skip
+    pairs = [row["points"] for row in compare(runs[:2]).to_json()["loops"]]
+    assert pairs == [[[point], [point]] for point in ("p001", "p003", "p002", "p004")]
+    compared = compare([runs[0], runs[2]])  # an exact pair is not given up for two pairs at the end of the tolerance
+    assert [row["points"] for row in compared.to_json()["loops"][:3]] == [
+        [["p001"], None], [["p003"], ["p001"]], [None, ["p003"]],
+    ]  # fmt: skip
+    assert any("1.032 Hz" in remark and "compared with another motion" in remark for remark in compared.remarks)
+
+
+
+
 def test_terminal_page_and_json_state_one_median(
     made_run: Make, made_point: Make, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -110,6 +110,22 @@ def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
     assert [(test.part, test.nominal_current_A) for test in tests] == [("0.5A", 0.5), ("1.0A", 1.0)]
 
 
+def test_several_sheets_are_named_and_a_sheet_of_peaks_is_left_out(tmp_path: Path) -> None:
+    """`--sheet A --sheet B` imported B alone, and a summary among the sheets made `all` fail without naming it."""
+    peaks: list[list[object]] = [["Speed (in/s)", "Load (lbs)"], *([float(row), 2.0 * row] for row in range(20))]
+    path = workbook(tmp_path / "a.xlsx", {"PVP": peaks, "5 ips": TABLE, "6 ips": TABLE, "old": TABLE})
+    for sheet in (("6 ips", "5 ips"), ("* ips",), ("5*", "6 ips")):
+        settings = ImportSettings(COLUMNS, 0.5, dialect=Dialect(sheet=sheet))
+        assert [test.part for test in read_tests([path], settings)] == ["5 ips", "6 ips"]
+    with pytest.raises(FileProblem) as caught:
+        read(path, COLUMNS, sheet="all")
+    assert any("sheet 'PVP': force=F_N: no column" in text for text in caught.value.problems)
+    assert caught.value.problems[-1].endswith("--sheet '5 ips' --sheet '6 ips' --sheet old")
+    settings = ImportSettings(COLUMNS, 0.5, dialect=Dialect(sheet=("5 ips", "7 ips")))
+    with pytest.raises(FileProblem, match="no sheet '7 ips'"):
+        read_tests([path], settings)
+
+
 def test_tests_below_each_other_in_a_sheet_are_tests_each(tmp_path: Path) -> None:
     for between in ([["Test 2"], TABLE[0]], []):  # the heading again, or only a blank row
         rows = [*TABLE[:151], [], *between, *TABLE[1:102]]
