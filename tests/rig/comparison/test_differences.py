@@ -145,6 +145,12 @@ def test_two_motions_closer_than_the_tolerance_are_paired_one_to_one(made_run: M
         [["p001"], None], [["p003"], ["p001"]], [None, ["p003"]],
     ]  # fmt: skip
     assert any("1.032 Hz" in remark and "compared with another motion" in remark for remark in compared.remarks)
+    bands = runs[0].parent / "bands.toml"
+    bands.write_text('format = 1\nname = "b"\n[[energy]]\nmost_change = "50 %"\n')
+    judgement = compare([runs[0], runs[2]], bands).judgement
+    assert judgement is not None
+    # p003, p004 have their partners; the tests of the run at 1.032 Hz and those of the first one at 1.000 Hz have none
+    assert sorted(str(result.state) for result in judgement.results).count("missing") == 4
 
 
 
