@@ -19,6 +19,7 @@ LIST_WAIT_S = 0.5
 """Time in which a list of serial numbers on standard input ends."""
 BAUDRATE = 9600
 LONGEST_LINE = 4096
+STANDARD_INPUT = "standard input"
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,9 @@ class Entries:
     def __init__(self, reader: str | None = None, stdin: Lines | None = None) -> None:
         self._lines: queue.SimpleQueue[Typed] = queue.SimpleQueue()
         self._sources = 1
+        self._ended: list[Typed] = []
         own = sys.stdin if stdin is None else stdin
-        self._follow(own, "standard input")
+        self._follow(own, STANDARD_INPUT)
         if reader is not None:
             self._sources += 1
             self._follow(_opened(reader), reader)
@@ -84,12 +86,14 @@ class Entries:
 
     def next(self) -> Typed | None:
         """The next line; waits for it. None when every source has ended."""
+        if self._ended and self._sources:  # a reader that was lost during a test
+            return self._ended.pop()
         while self._sources:
             typed = self._lines.get()
             if typed.text is not None:
                 return typed
             self._sources -= 1
-            if self._sources and typed.source != "standard input":
+            if self._sources and typed.source != STANDARD_INPUT:
                 return typed
         return None
 
@@ -102,6 +106,7 @@ class Entries:
                 return
             if typed.text is None:
                 self._sources -= 1
+                self._ended += [typed] if typed.source != STANDARD_INPUT else []
             else:
                 yield typed
 

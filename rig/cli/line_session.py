@@ -212,7 +212,7 @@ class LineSession:
     def exit_code(self) -> int:
         """0 if every specimen is `ok`, else the worst exit code of a campaign."""
         codes = {one.exit_code for one in self.results}
-        return next((code for code in WORST_FIRST if code in codes), EXIT_DONE)
+        return next((code for code in WORST_FIRST if code in codes), max(codes, default=EXIT_DONE))
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig line --json`."""

@@ -244,9 +244,13 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
     for loop in _chosen(key, band, run.missing):
         yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point with this motion is valid", loop)
-    if run.not_recorded and not band.where:
+    if run.planned is not None and band.where:
+        why = "this planned point was not recorded because the campaign ended early"
+        for loop in _chosen(key, band, run.planned):
+            yield _Value(key, unit, loop.motion.label, NONE, loop.ids, why, loop)
+    elif run.not_recorded:
         why = f"{len(run.not_recorded)} planned point(s) were not recorded because the campaign ended early"
-        yield _Value(key, unit, "any loop", NONE, why=why)
+        yield _Value(key, unit, band.where or "any loop", NONE, why=why)
 
 
 def _chosen(key: str, band: LoopBand, loops: Sequence[LoopReading]) -> list[LoopReading]:

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rig.comparison.bands import Bands, LoopBand, ParameterBand, load_bands
-from rig.comparison.readings import LoopReading, Motion
+from rig.comparison.readings import LoopReading, planned_loop
 from rig.dampers import MODELS
 from rig.dampers.current_law import AFFINE
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix
-from rig.signals.test_set import CurrentReading, MotionReading, same_motion
-from rig.test_point import FRICTION, LOOP, TestPoint
+from rig.signals.test_set import same_motion
+from rig.test_point import FRICTION, LOOP
 
 SEVERAL = ("all", "auto", "few")
 """Models of `[identify]` that stand for several."""
@@ -60,14 +60,6 @@ def _unmeasured(bands: Bands, matrix: Matrix, *, fitted: bool) -> Iterator[str]:
             text = "" if measured else "the matrix has no slow triangle test. Fix: add a [friction] table to the matrix"
         if text:
             yield f"{place}: {text}"
-
-
-def planned_loop(point: TestPoint) -> LoopReading:
-    """A loop that is to be measured, without values."""
-    nominal = point.amplitude_m, point.frequency_Hz
-    read = MotionReading(point.waveform, *nominal, requested=nominal)
-    current = CurrentReading(point.current_A, requested_A=point.current_A)
-    return LoopReading(Motion.of(read, current, point.current_A), (point.id,), point.peak_speed_m_s, {})
 
 
 def _loops(key: str, band: LoopBand, loops: Sequence[LoopReading]) -> str:

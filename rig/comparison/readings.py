@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from rig.campaign_folder import CampaignFolder
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.loop import LoopCharacteristics, Measured, over_repeats
 from rig.display import SI, Display, Shown
+from rig.errors import FileProblem
 from rig.fits.entries import Estimate
 from rig.fits.fit_record import fit_in
+from rig.matrix.model import load_matrix
 from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
@@ -30,7 +33,7 @@ from rig.signals.test_set import (
     same_current,
     same_motion,
 )
-from rig.test_point import LOOP
+from rig.test_point import LOOP, TestPoint
 
 COVERAGE = 2.0
 """Expanded uncertainties are so many standard ones: about 95 %."""
@@ -224,6 +227,7 @@ class RunReadings:
         left_out: what was not used, a line each.
         missing: a reading without values of each motion that was recorded, but in no valid point.
         not_recorded: ids of points that the campaign planned and that have no file.
+        planned: a reading without values of each motion that only such points have; None if it is not known.
     """
 
     run: Run
@@ -236,6 +240,7 @@ class RunReadings:
     left_out: tuple[str, ...]
     missing: tuple[LoopReading, ...] = ()
     not_recorded: tuple[str, ...] = ()
+    planned: tuple[LoopReading, ...] | None = ()
 
     @property
     def identity(self) -> str:
@@ -282,11 +287,12 @@ def readings_of(run: Run, characteristics: Characteristics | None = None) -> Run
     model, parameters = fitted_of(run)
     first = next(iter(run.points))
     loops = _loops(characteristics, points)
+    missing, absent = tuple(_missing(run, loops)), _not_recorded(run)
     others = [line for line in characteristics.left_out if not line.endswith(": invalid")]  # the run has said why
     return RunReadings(
         run, _specimen(run), loops, _singles(characteristics, points), model, parameters,
         _load_cell(first), tuple(dict.fromkeys((*run.left_out, *others))),
-        tuple(_missing(run, loops)), _not_recorded(run),
+        missing, absent, _planned(run, absent, (*loops, *missing)),
     )
 
 
@@ -313,6 +319,28 @@ def _not_recorded(run: Run) -> tuple[str, ...]:
     planned, recorded = run.campaign.get("points"), {point.id for point in run.points} | withdrawn_points(run.path)
     names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
     return tuple(name for name in names if name not in recorded)
+
+
+def planned_loop(point: TestPoint) -> LoopReading:
+    """A loop that is to be measured, without values."""
+    nominal = point.amplitude_m, point.frequency_Hz
+    read = MotionReading(point.waveform, *nominal, requested=nominal)
+    current = CurrentReading(point.current_A, requested_A=point.current_A)
+    return LoopReading(Motion.of(read, current, point.current_A), (point.id,), point.peak_speed_m_s, {})
+
+
+def _planned(run: Run, absent: Sequence[str], recorded: Sequence[LoopReading]) -> tuple[LoopReading, ...] | None:
+    """The motions that only points without a file have; None if the matrix of the run does not state them."""
+    if not absent:
+        return ()
+    try:
+        points = {point.id: point for point in load_matrix(CampaignFolder(run.path).matrix).points()}
+    except FileProblem:
+        return None
+    if not points.keys() >= set(absent):
+        return None
+    loops = [planned_loop(points[name]) for name in absent if points[name].kind == LOOP]
+    return tuple(loop for loop in loops if not any(loop.motion.same_as(other.motion) for other in recorded))
 
 
 def _loops(characteristics: Characteristics, points: Mapping[str, RecordedPoint]) -> tuple[LoopReading, ...]:

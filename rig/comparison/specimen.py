@@ -193,8 +193,13 @@ def _unchanged(folder: Path, file: Path) -> None:
     hashes = read_campaign(folder).get("hashes")
     files = hashes.get("files") if isinstance(hashes, Mapping) else None
     name = f"{CampaignFolder.records}/{file.name}"
-    if not isinstance(files, Mapping) or name not in files:
+    if not isinstance(files, Mapping) or not files:
         return
+    if name not in files:
+        raise FileProblem(str(CampaignFolder(folder).matrix), [
+            f"acceptance.bands names {name}, which is not a file of this campaign. Fix: restore it, or compare the "
+            "run with other bands (rig compare RUN --bands FILE)"
+        ])
     if files[name] != hashlib.sha256(read_bytes(file, LARGEST_BANDS_BYTES)).hexdigest():
         raise FileProblem(str(file), [
             "the acceptance bands were changed after the campaign was started. Fix: restore the file, or compare the "

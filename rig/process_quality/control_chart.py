@@ -10,7 +10,7 @@ Quality Control Handbook, 1956; ISO 7870-2. Constants for moving ranges of two v
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -79,7 +79,7 @@ class ControlChart:
     """Individuals and moving-range chart.
 
     Attributes:
-        values: individual values in the order of time, (n,).
+        values: individual values in the order of time, (n,); NaN in phase II where there is no value.
         baseline: number of the first values, which belong to phase I.
         removed: indices of values of phase I that were removed from the limits.
         centre: mean of phase I.
@@ -125,11 +125,21 @@ class ControlChart:
         """Whether no rule is violated in phase II (in phase I, if there are no further values)."""
         return not (self.signals if len(self.values) > self.baseline else self.violations)
 
+    def continued(self, values: FloatArray) -> ControlChart:
+        """The chart of more values with the same limits.
+
+        Args:
+            values: those of phase I, then the further ones, (n,); NaN where there is no value.
+        """
+        violations = violations_of(values, self.centre, self.sigma, self.mean_range)
+        return replace(self, values=values, violations=violations)
+
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
         low, high = self.limits
         return {
-            "values": self.values.tolist(), "baseline": self.baseline, "removed": list(self.removed),
+            "values": [one if math.isfinite(one) else None for one in self.values.tolist()],
+            "baseline": self.baseline, "removed": list(self.removed),
             "centre": self.centre, "sigma": self.sigma, "lower_limit": low, "upper_limit": high,
             "mean_range": self.mean_range, "range_limit": self.range_limit, "in_control": self.in_control,
             "violations": [{"index": one.index, "rule": str(one.rule), "side": one.side} for one in self.violations],

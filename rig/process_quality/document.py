@@ -416,7 +416,7 @@ def chart_figures(
     values = [_level(ends, chart.centre, CENTRE), *(_level(ends, one, LIMIT) for one in (low, high))]
     values += [_level(ends, one, TOLERANCE) for one in limits if one is not None]
     everything = [chart.values[first:], np.array([low, high, *(one for one in limits if one is not None)])]
-    bottom, top = float(min(np.min(one) for one in everything)), float(max(np.max(one) for one in everything))
+    bottom, top = float(min(np.nanmin(one) for one in everything)), float(max(np.nanmax(one) for one in everything))
     room = 0.05 * (top - bottom) or abs(top) * 0.05 or 1.0
     if first < chart.baseline < len(chart.values):
         values.append(Trace(np.full(2, chart.baseline + 0.5), np.array([bottom - room, top + room]), Style.THIN))

@@ -175,6 +175,11 @@ class GoldenCheck:
         """Whether the last day is without a signal."""
         return not any(finding.index == self.days - 1 for finding in self.findings)
 
+    @property
+    def unchecked(self) -> tuple[Cause, ...]:
+        """Causes that no value of the last day shows."""
+        return tuple(cause for cause, chart in self.charts.items() if not math.isfinite(chart.values[-1]))
+
 
 def golden_check(
     values: Mapping[Key, FloatArray], baseline: int | None = None, influence_1_K: float | None = None
@@ -214,13 +219,23 @@ def golden_check(
     charts = {}
     for cause, pattern in patterns.items():
         sizes = np.array([_size(day - centre, pattern, sigma)[0] for day in table])
-        if np.all(np.isfinite(sizes)):
-            charts[cause] = control_chart(sizes, count)
+        if np.all(np.isfinite(sizes[:count])):  # on a later day, the values that show this cause may be missing
+            charts[cause] = control_chart(sizes[:count], count).continued(sizes)
+    remarks += _unchecked(charts, count)
     findings = tuple(_findings(charts, patterns, used, table - centre, sigma, count))
     if missing:
         remarks.append(f"{len(missing)} values were not measured on every day of phase I and are not used; first: "
             f"{missing[0].label}")
     return GoldenCheck(tuple(used), charts, findings, days, count, missing, tuple(remarks))
+
+
+def _unchecked(charts: Mapping[Cause, ControlChart], count: int) -> Iterable[str]:
+    """Days of phase II without a value that shows a cause."""
+    for cause, chart in charts.items():
+        without = np.flatnonzero(~np.isfinite(chart.values[count:])) + count + 1
+        if len(without):
+            yield (f"{cause.words}: not checked on {len(without)} day(s) without a valid value that shows it; last: "
+                f"day {without[-1]}")
 
 
 def _has_pattern(key: Key) -> bool:

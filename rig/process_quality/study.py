@@ -220,10 +220,27 @@ def golden_study(rows: Sequence[ResultRow], baseline: int | None = None) -> Gold
     except TooFewValues as error:
         raise FileProblem("rig quality golden", [f"{longest.rows[0].specimen or 'specimen'}: {error}"]) from error
     ordered = _days(series)
+    _require_last_day(rows, ordered, check)
     return GoldenStudy(
         longest.rows[0].specimen, check, tuple(row.run for row in ordered), tuple(row.started for row in ordered),
         (*remarks_on(rows), *check.remarks),
     )  # fmt: skip
+
+
+def _require_last_day(rows: Sequence[ResultRow], days: Sequence[ResultRow], check: GoldenCheck) -> None:
+    """Refuse a last day that cannot be checked: it would pass without a measurement.
+
+    Raises:
+        FileProblem: its points are not valid, or they do not show every cause.
+    """
+    last = max(rows, key=lambda row: (when(row), row.run))
+    causes = ", ".join(cause.words for cause in check.unchecked)
+    why = "no point is valid" if last.campaign != days[-1].campaign else causes and f"no valid value shows: {causes}"
+    if why:
+        raise FileProblem("rig quality golden", [
+            f"the last run ({last.run}) cannot be checked: {why}. Fix: repeat the test, or select other runs (--date, "
+            "--matrix)"
+        ])
 
 
 def _days(series: Sequence[Series]) -> list[ResultRow]:

@@ -135,6 +135,31 @@ def test_counters_takt_and_exit_code(session: LineSession, tmp_path: Path) -> No
     assert json.dumps(answer)
 
 
+def test_a_specimen_that_could_not_be_tested_for_a_wrong_file_is_no_success(session: LineSession) -> None:
+    session.take(result("MR-101"))
+    session.take(result("MR-102", "not-tested", EXIT_USAGE))
+    assert session.exit_code == EXIT_USAGE
+
+
+def test_a_reader_that_is_lost_during_a_test_is_reported_after_it(tmp_path: Path) -> None:
+    (tmp_path / "reader").write_text("")
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as stream, os.fdopen(writing, "w") as keyboard:
+        entries = Entries(str(tmp_path / "reader"), stdin=stream)
+        deadline = time.monotonic() + 10.0
+        while entries._lines.empty() and time.monotonic() < deadline:
+            time.sleep(0.001)
+        assert list(entries.arrived()) == [], "during the test"
+        lost = entries.next()
+        assert lost is not None
+        assert (lost.text, lost.source) == (None, str(tmp_path / "reader"))
+        keyboard.write("MR-102\n")
+        keyboard.flush()
+        typed = entries.next()
+        assert typed is not None
+        assert typed.text == "MR-102"
+
+
 def test_a_list_on_standard_input_is_known_by_its_end_and_a_reader_by_its_silence() -> None:
     assert Entries(stdin=io.StringIO("MR-101\nMR-102\r\n")).list_at_once() == ["MR-101", "MR-102"]
     reading, writing = os.pipe()

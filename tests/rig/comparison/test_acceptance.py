@@ -153,7 +153,33 @@ def test_a_band_is_not_passed_by_what_was_left_of_a_run(made_run: Make, made_poi
     assert states(compared) == ["pass", "missing"]
     assert acceptance(compared).results[1].why.startswith("2 planned point(s) were not recorded")
     assert compared.remarks == ("a: 2 planned point(s) were not recorded",)
+
+
+MATRIX = """
+format = 1
+[specimen]
+serial_number = "S-a"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+amplitude = ["20 mm"]
+frequency = ["1 Hz", "2 Hz"]
+current = ["0.5 A"]
+"""
+
+
+def test_a_band_is_not_passed_without_the_points_that_were_planned_for_it(made_run: Make, bands: Make) -> None:
+    """The matrix that is kept with the run states which motions are missing; without it, every band may need them."""
+    folder, band = made_run("a"), '[[rebound_force]]\nlow = "0 N"\n'
+    (folder / "campaign.json").write_text(json.dumps({"id": "a", "points": ["p001", "p002"]}))
+    (folder / "matrix.toml").write_text(MATRIX)
     assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
+    compared = compare([folder], bands(f'{band}waveform = "sine"\n'))
+    assert states(compared) == ["pass", "missing"]
+    assert acceptance(compared).results[1].points == ("p002",)
+    assert acceptance(compared).results[1].why.startswith("this planned point was not recorded")
+    (folder / "matrix.toml").unlink()
+    assert states(compare([folder], bands(f'{band}waveform = "sine"\n'))) == ["pass", "missing"]
 
 
 def test_a_repeat_makes_up_for_an_invalid_point(made_run: Make, made_point: Make, bands: Make) -> None:

@@ -105,6 +105,20 @@ def test_the_matrix_can_replace_the_decision_rule(made_run: Make, bands: Make) -
     assert result.verdict == SpecimenVerdict.NOT_TESTED, "an uncertainty that is not stated proves nothing"
 
 
+def test_bands_of_another_name_decide_nothing(made_run: Make, bands: Make) -> None:
+    """The matrix that is kept with the run was edited: it names wider bands than those of the campaign."""
+    folder = made_run("a")
+    run = kept(folder, bands(REBOUND.format(current=0.5, low=80, high=90)))
+    assert result_of(run).verdict == SpecimenVerdict.NOT_OK
+    records = folder / "records"
+    (records / "wide.toml").write_text((records / "bands.toml").read_text().replace("80 N", "70 N"))
+    matrix = folder / "matrix.toml"
+    matrix.write_text(matrix.read_text().replace("records/bands.toml", "records/wide.toml"))
+    result = result_of(run)
+    assert result.verdict == SpecimenVerdict.NOT_TESTED
+    assert "records/wide.toml, which is not a file of this campaign" in result.reason
+
+
 def test_bands_that_were_changed_or_lost_after_the_start_decide_nothing(made_run: Make, bands: Make) -> None:
     folder = made_run("a")
     run = kept(folder, bands(REBOUND.format(current=0.5, low=70, high=90)))

@@ -115,6 +115,18 @@ def test_a_day_like_the_others_passes_and_gaps_are_named() -> None:
     assert check.missing == (Key("gas_force"),)
 
 
+def test_a_day_without_forces_does_not_end_the_check_of_forces() -> None:
+    values = days(DRIFTS[Cause.FORCE][0])
+    for key, column in values.items():
+        if key.quantity in FORCES | {"dynamic_range", "force_gain"}:
+            column[-3] = np.nan
+    check = golden_check(values, BASELINE)
+    assert [one.cause for one in check.findings[-1].explanations] == [Cause.FORCE]
+    assert check.charts[Cause.FORCE].to_json()["values"][-3] is None
+    assert any(f"last: day {DAYS - 2}" in remark for remark in check.remarks)
+    assert check.unchecked == ()
+
+
 def row(number: int, value: float, **changes: object) -> ResultRow:
     fields: dict[str, object] = {
         "campaign": f"c{number}", "run": f"run{number}", "specimen": f"S{number}", "station": "bench 1",
@@ -174,6 +186,8 @@ def test_mixed_and_missing_rows_are_named() -> None:
         (golden_study, rows(normal(12)), "12 specimens"),
         (golden_study, rows(normal(5), specimen="G"), "expected at least 8"),
         (chart_study, [], "no value matches"), (chart_study, rows(normal(9), verdict="invalid"), "valid point"),
+        (golden_study, [*rows(normal(12), specimen="G"), row(99, 500.0, specimen="G", verdict="invalid")],
+         "last run .run99. cannot be checked: no point is valid"),
         (gauge_studies, rows(normal(6)), "1 trial"), (gauge_studies, rows(normal(6), specimen=""), "no specimen"),
     )  # fmt: skip
     for study, listed, message in bad:
