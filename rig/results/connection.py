@@ -12,7 +12,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, MetaData, create_engine, event, insert, inspect, select, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.pool import NullPool
 
 from rig import __version__
@@ -36,6 +36,8 @@ class Unreachable(RigError):
     """What the server or the driver reported."""
     repeatable = False
     """Whether the server ended the transaction because of others, so that it can be repeated at once."""
+    rejected = False
+    """Whether the server is reachable and does not accept these rows."""
 
 
 class DamagedDatabase(FileProblem):
@@ -78,6 +80,7 @@ class Database:
         lost = Unreachable(f"results server {self.place}: {reason}")
         lost.reason = reason
         lost.repeatable = getattr(error.orig, "sqlstate", None) in {"40001", "40P01", "55P03"}
+        lost.rejected = isinstance(error, (DataError, IntegrityError))
         return lost
 
 

@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import math
+import re
 import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,6 +37,9 @@ that is read again on another computer, is the same campaign."""
 NOT_TESTED = "not-tested"
 
 Row = dict[str, Any]
+
+
+NOT_STORABLE = re.compile("[\\x00\\ud800-\\udfff]")
 
 
 @dataclass(frozen=True)
@@ -97,13 +101,13 @@ def content_of(folder: Path) -> Content:
         "bench_verdict": bench_verdict, "specimen_verdict": specimen_verdict,
     }
     return Content(_plain(row), {name: [_plain(child) for child in part] for name, part in children.items()},
-                   "; ".join(remarks))  # fmt: skip
+                   storable("; ".join(remarks)))  # fmt: skip
 
 
 def campaign_uuid(folder: Path, campaign: Mapping[str, Any]) -> str:
     """UUID of a campaign by its description: of its name, and of an imported run also of the time of the import."""
     name = str(campaign.get("id") or folder.name)
-    return str(uuid.uuid5(NAMESPACE, f"{name} {campaign.get('created', '')}".strip()))
+    return str(uuid.uuid5(NAMESPACE, storable(f"{name} {campaign.get('created', '')}".strip())))
 
 
 def _run_in(folder: Path, campaign: Mapping[str, Any]) -> tuple[Run | None, list[str]]:
@@ -127,8 +131,14 @@ def _run_in(folder: Path, campaign: Mapping[str, Any]) -> tuple[Run | None, list
 def _plain(row: Mapping[str, Any]) -> Row:
     """The row with plain values; NaN and infinity are None."""
     return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in row.items()
+        name: None if isinstance(value, float) and not math.isfinite(value) else
+        storable(value) if isinstance(value, str) else value for name, value in row.items()
     }
+
+
+def storable(text: str) -> str:
+    """A text that every database accepts: PostgreSQL stores no NUL, and UTF-8 has no surrogates."""
+    return NOT_STORABLE.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def _described(folder: Path, run: Run | None, campaign: Mapping[str, Any]) -> Row:

@@ -150,8 +150,10 @@ def _deliver_all(database: Database, target: Database, name: str, report_progres
     """Deliver what is missing, oldest first.
 
     Raises:
-        Unreachable: the server was lost; what it had confirmed is noted.
+        Unreachable: the server was lost; what it had confirmed is noted. Also if it rejected a campaign: the others
+            are delivered first.
     """
+    rejected: Unreachable | None = None
     waiting = _waiting(database, target, name)
     for number, campaign_id in enumerate(waiting, start=1):
         with database.transaction(reading=True) as connection:
@@ -161,12 +163,18 @@ def _deliver_all(database: Database, target: Database, name: str, report_progres
                 with target.transaction() as connection:
                     put(connection, campaign, children, digest)
             except Unreachable as error:
+                if error.rejected:
+                    rejected = error
+                    rejected.reason = f"campaign {campaign['run']} rejected: {error.reason}"
+                    break
                 if not error.repeatable or attempt == TRIES - 1:
                     raise
             else:
+                _confirm(database, name, {campaign_id: digest})
                 break
-        _confirm(database, name, {campaign_id: digest})
         report_progress(number, len(waiting))
+    if rejected is not None:
+        raise rejected
 
 
 def _waiting(database: Database, target: Database, name: str) -> list[str]:

@@ -204,6 +204,29 @@ def test_a_wrong_password_is_named_without_the_password(
     assert "also-wrong" not in f"{state} {(runs / NAME).read_bytes()!r}"
 
 
+def test_a_text_that_no_database_stores_does_not_hold_back_the_others(runs: Path, made: Make, server: str) -> None:
+    texts = ("MR\x001", "MR-\ud8001", "O'Brien \"x\" %s {} :a; DROP TABLE campaigns;--")
+    for number, specimen in enumerate(texts, start=1):
+        made(f"r{number}", specimen=specimen)
+    assert (delivered(runs, server).delivered, delivered(runs, server).waiting) == (3, 0)
+    assert sorted(str(row["specimen"]) for row in table(server, "specimens")) == [
+        "MR-\ufffd1", "MR\ufffd1", texts[2],
+    ]  # fmt: skip
+
+
+def test_a_campaign_that_the_server_rejects_does_not_hold_back_the_others(
+    runs: Path, made: Make, server: str, postgresql: PostgreSQL
+) -> None:
+    with opened(server):
+        pass
+    postgresql.sql("ALTER TABLE specimens ADD CHECK (specimen <> 'MR-1')", server.rpartition("/")[2])
+    made("r1", specimen="MR-1")
+    made("r2", specimen="MR-2", started="2026-11-27T11:00:00+00:00")
+    outbox = delivered(runs, server)
+    assert (outbox.delivered, outbox.waiting) == (1, 1)
+    assert outbox.error.startswith("campaign r1 rejected: ")
+
+
 def test_a_newer_schema_on_the_server_is_refused_and_not_written(runs: Path, made: Make, server: str) -> None:
     made("r1")
     delivered(runs, server)
