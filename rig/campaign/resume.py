@@ -321,7 +321,7 @@ ALLOWED: dict[str, str] = {
         for name in (
             "servo-stiffness", "load-train-stiffness", "actuator-friction", "load-cell-zero-drift", "hum", "crosstalk",
             "ecu-current-gain", "ecu-current-offset", "coil-sensor-offset", "coil-heat-capacity", "body-heat-capacity",
-            "coil-to-body",
+            "coil-to-body", "fluid-lag",
             *(f"actuator-{which}-{what}" for which in ("force", "position") for what in INPUTS),
             *(f"{sensor}-{what}" for sensor in ("load-cell", "lvdt") for what in INPUTS),
         )
