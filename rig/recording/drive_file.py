@@ -124,6 +124,7 @@ def _read(path: Path, owner: DriveOwner, points: tuple[TestPoint, ...], gain: fl
                 float(about["delay_s"]), float(about["least_coherence"]), response["frequency"],
                 response["gain"] * np.exp(1j * response["phase"]), response["coherence"],
             )
+        _check(known)
         differs = _differs(about, owner)
     except (OSError, KeyError, TypeError, ValueError, IndexError) as error:
         raise FileProblem(str(path), [f"this is not a drive file: {error}"]) from error
@@ -134,6 +135,21 @@ def _read(path: Path, owner: DriveOwner, points: tuple[TestPoint, ...], gain: fl
         return []
     kept = with_samples(target, command)
     return [SignalDrive(target.mark, target.amplitude_m, current_A, gain, kept, known, start=KEPT)]
+
+
+def _check(known: FrequencyResponse) -> None:
+    """Refuse a response from which no command can be calculated: a value that is not finite would spread to all.
+
+    Raises:
+        ValueError: it is not one.
+    """
+    columns = (known.frequency_Hz, known.response, known.coherence)
+    if {column.shape for column in columns} != {(len(known.frequency_Hz),)} or len(known.frequency_Hz) < 2:
+        raise ValueError("the columns of the response differ in length, or contain fewer than 2 frequencies")
+    if not all(np.all(np.isfinite(column)) for column in columns) or not np.isfinite(known.delay_s):
+        raise ValueError("the response contains values that are not finite")
+    if known.frequency_Hz[0] <= 0.0 or np.any(np.diff(known.frequency_Hz) <= 0.0):
+        raise ValueError("the frequencies of the response do not rise from above 0 Hz")
 
 
 def _differs(about: dict[str, object], owner: DriveOwner) -> str:

@@ -26,6 +26,7 @@ from rig.signals.wear_trend import (
     baseline_of,
     changes,
     forecast,
+    reached_by,
     sections_of,
 )
 from rig.test_point import ENDURANCE, EnduranceStep
@@ -170,11 +171,11 @@ class EnduranceLedger:
 
     @property
     def reached(self) -> str:
-        """Name of the stop rule that the last section has reached; empty where it has reached none."""
+        """Name of the stop rule that the last known section has reached; empty where it has reached none."""
         sections = self.sections
         baseline = baseline_of(sections, self._run_in)
         for rule in self.rules if len(sections) else ():
-            if changes(rule, sections, baseline)[-1] >= rule.limit:
+            if reached_by(rule, sections, baseline):
                 return rule.name
         return ""
 
@@ -203,7 +204,7 @@ class EnduranceLedger:
         change, expected = self.followed(rule, sections, baseline)
         return {
             "name": rule.name, "limit": rule.limit, "relative": rule.relative,
-            "value": _finite(change[-1]) if change.size else None,
+            "value": _last_known(change),
             "forecast": dict(zip(("state", "cycles", "low", "high"), expected, strict=True)),
         }
 
@@ -263,6 +264,11 @@ def performance_points(points: Iterable[RecordedPoint], test: str) -> Iterator[t
 
 def _motion(point: RecordedPoint) -> tuple[object, ...]:
     return point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, point.repeat
+
+
+def _last_known(values: np.ndarray[Any, np.dtype[np.float64]]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known[-1]) if known.size else None
 
 
 def _finite(value: float) -> float | None:

@@ -27,6 +27,8 @@ COMPLETE_SHARE = 0.9
 """Of the usual number of samples in a cycle: a cycle with fewer was not recorded."""
 STEPS_A_CYCLE = 40
 """Steps of the differences that speed is computed from."""
+EXTREME_SHARE = 1e-3
+"""Of the samples that may be extreme at each end without moving the mean displacement."""
 ONE_CYCLE = 1.5
 """Periods from which two crossings are more than one cycle apart: samples between them are missing."""
 
@@ -90,15 +92,17 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
         `NO_CYCLES` where the motion never reached full amplitude.
     """
     usable = np.isfinite(displacement_m)
-    t, u = time_s[usable], displacement_m[usable]
+    # A spike of one sample trips no interlock; it must not hide the cycles of a block of ten minutes.
+    t, u = time_s[usable], _without_spikes(displacement_m[usable])
     if t.size < FEWEST_SAMPLES:
         return NO_CYCLES
-    starts_s, indices = _rising(t, u - 0.5 * (float(np.max(u)) + float(np.min(u))))
+    low_m, high_m = np.quantile(u, (EXTREME_SHARE, 1.0 - EXTREME_SHARE))
+    starts_s, indices = _rising(t, u - 0.5 * (high_m + low_m), CROSSING_HYSTERESIS * 0.5 * (high_m - low_m))
     if starts_s.size < 2:
         return NO_CYCLES
     highest, lowest = np.maximum.reduceat(u, indices)[:-1], np.minimum.reduceat(u, indices)[:-1]
     amplitude_m = 0.5 * (highest - lowest)
-    typical_m = float(np.median(amplitude_m[amplitude_m >= 0.8 * np.max(amplitude_m)]))
+    typical_m = float(np.median(amplitude_m[amplitude_m >= 0.8 * np.max(_without_spikes(amplitude_m))]))
     full = np.flatnonzero(np.abs(amplitude_m - typical_m) <= (1.0 - FULL_AMPLITUDE) * typical_m)
     if full.size == 0:
         return NO_CYCLES
@@ -107,9 +111,8 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
     return CycleBounds(bounds_s, np.where(spans > ONE_CYCLE, np.round(spans), 1.0).astype(np.int64))
 
 
-def _rising(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def _rising(t: FloatArray, x: FloatArray, band: float) -> tuple[FloatArray, NDArray[np.int64]]:
     """Upward zero crossings (s), by the line through the samples beside the hysteresis, and the sample after each."""
-    band = CROSSING_HYSTERESIS * float(np.max(np.abs(x)))
     marked = np.flatnonzero(np.abs(x) > band)
     up = x[marked] > 0.0
     rising = np.flatnonzero(~up[:-1] & up[1:])

@@ -300,7 +300,9 @@ def allowed_start(drive: SignalDrive, target: Record, limits: CommandLimits) -> 
     target itself, which the plan has checked. The drive is given up where no noise is allowed.
     """
     noise, command = drive.noise, drive.command
-    if command is not None and limits.against(command, target):
+    if command is not None and (
+        limits.against(command, target) or limits.against(command, _response_to(drive, target, command))
+    ):
         return replace(drive, command=target, start=TARGET)
     if noise is None or not limits.against(noise, noise):
         return drive
@@ -309,6 +311,21 @@ def allowed_start(drive: SignalDrive, target: Record, limits: CommandLimits) -> 
     if not why:
         return replace(drive, noise=smaller)
     return replace(drive, noise=None, outcome=LIMIT, cannot=f"the noise for the identification is not allowed: {why}")
+
+
+def _response_to(drive: SignalDrive, target: Record, command: Record) -> Record:
+    """The motion that a command gives by the identified response, its delay removed.
+
+    The file of a stored command may have been changed: that it gives the target's motion, and force, is not certain.
+    """
+    if drive.response is None:
+        return command
+    position = command.amplitude_m * command.shape
+    spectrum, frequency_Hz = _spectrum(position)
+    known = drive.response
+    trusted = known.corrected & (np.abs(known.response) > LEAST_RESPONSE)
+    response = _between(frequency_Hz, known.frequency_Hz, np.where(trusted, known.response, 1.0))
+    return command_record(target, _signal(response * spectrum, len(position)))
 
 
 def advanced(

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.signals.arrays import FloatArray
 
@@ -25,6 +26,8 @@ RECENT_SHARE = 0.5
 """Of the sections, the last ones that a forecast is made from: wear is a straight line only for a while."""
 CONFIDENCE = 0.95
 STRONGEST_CORRELATION = 0.95
+VISIBLE, FEWEST_FOR_SCATTER, NORMAL_OF_MAD = 3.0, 4, 1.4826
+"""A baseline is so many standard deviations of its sections at least, where it has so many; by the median deviation."""
 QUANTITIES = (
     "force_max", "force_min", "energy", "stiffness", "friction", "mean_force", "temperature", "current",
 )
@@ -131,15 +134,39 @@ def _median(values: FloatArray) -> float:
 
 
 def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
-    """Baseline of each quantity: median of the first block after the running-in; not-a-number before there is one.
+    """Baseline of each quantity: median of the first block after the running-in in which it is known.
+
+    Not-a-number before there is one, and where the baseline cannot be distinguished from zero: a relative change of the
+    mean force of a damper without gas, for example, would be that of its noise, and would end a test at random.
 
     Args:
         sections: of the test.
         run_in: cycles of the running-in.
     """
-    after = np.flatnonzero(_first_of_block(sections) >= run_in)
-    chosen = sections.block == sections.block[after[0]] if after.size else np.zeros(len(sections), bool)
-    return {name: _median(values[chosen]) for name, values in sections.medians.items()}
+    after = _first_of_block(sections) >= run_in
+    return {name: _level(values, sections.block, after) for name, values in sections.medians.items()}
+
+
+def _level(values: FloatArray, block: FloatArray, after: NDArray[np.bool_]) -> float:
+    known = np.flatnonzero(after & np.isfinite(values))
+    if not known.size:
+        return math.nan
+    of_block = values[known][block[known] == block[known[0]]]
+    level = float(np.median(of_block))
+    scatter = NORMAL_OF_MAD * float(np.median(np.abs(of_block - level)))
+    return level if of_block.size < FEWEST_FOR_SCATTER or abs(level) > VISIBLE * scatter else math.nan
+
+
+def reached_by(rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> bool:
+    """Whether the last section of which a value is known, within the last block, has reached a rule's limit.
+
+    The last section itself may have no statistics: its samples may be missing.
+    """
+    change = changes(rule, sections, baseline)
+    known = np.flatnonzero(np.isfinite(change))
+    if not known.size or sections.block[known[-1]] != sections.block[-1]:
+        return False
+    return bool(change[known[-1]] >= rule.limit)
 
 
 def _first_of_block(sections: Sections) -> FloatArray:
@@ -223,7 +250,9 @@ def _fieller(middle: float, above: float, slope: float, level2: float, slope2: f
     root = math.sqrt(max(0.0, linear**2 - square * constant))
     if slope > 0.0 and square > 0.0:
         low, high = (-linear - root) / square, (-linear + root) / square
-        return Forecast("trend", middle - above / slope, max(last, middle + low), middle + high)
+        # A line that is beyond the limit at the last section, which is not: the limit is near, but not in the past.
+        cycles, low, high = (max(last, middle + apart) for apart in (-above / slope, low, high))
+        return Forecast("trend", cycles, low, high)
     # The line may be flat: the limit is reached at the earliest where the steepest line that fits crosses it.
     steepest = slope + math.sqrt(slope2)
     earliest = None if steepest <= 0.0 else max(last, middle - (above + math.sqrt(level2)) / steepest)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,3 +83,18 @@ def test_a_damaged_file_is_named_and_costs_nothing_else(tmp_path: Path) -> None:
 
 def test_without_a_folder_there_is_nothing_to_start_from(tmp_path: Path) -> None:
     assert kept_drives(tmp_path / "drives", OWNER, (POINT,), 0.8) == ((), ())
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "problem"),
+    [("gain", math.nan, "not finite"), ("coherence", math.inf, "not finite"), ("frequency", -1.0, "do not rise")],
+)
+def test_a_response_that_makes_no_command_is_refused(
+    tmp_path: Path, column: str, value: float, problem: str
+) -> None:
+    write_drive(tmp_path / "drives", "p001", OWNER, POINT, drive())
+    with h5py.File(tmp_path / "drives" / "p001.h5", "r+") as file:
+        file["response"][column][3] = value
+    kept, problems = kept_drives(tmp_path / "drives", OWNER, (POINT,), 0.8)
+    assert kept == ()
+    assert problem in "".join(problems)

@@ -109,3 +109,14 @@ def test_repetitions_of_a_signal_that_was_cut_off_are_whole_ones() -> None:
     assert repeated_bounds(1.0, 2.5, 1.0 + 4.1 * 2.5, 100).run == 4
     assert repeated_bounds(1.0, 2.5, 1.0 + 9.0 * 2.5, 5).run == 5
     assert repeated_bounds(1.0, 2.5, 0.5, 5) == CycleBounds(*map(pytest.approx, ([], [])))
+
+
+@pytest.mark.parametrize("spike_m", [0.6 * AMPLITUDE_M, 2.0 * AMPLITUDE_M, -5.0 * AMPLITUDE_M])
+def test_a_spike_of_the_displacement_hides_no_cycles(spike_m: float) -> None:
+    given = samples()
+    given.displacement_m[600] += spike_m
+    bounds = cycle_bounds(given.time_s, given.displacement_m, 9.37)
+    assert bounds.run == 40
+    statistics = described(given)
+    assert np.count_nonzero(np.isfinite(statistics["force_max"])) == 40
+    assert np.nanmedian(statistics["friction"]) == pytest.approx(FRICTION_N, rel=0.05)

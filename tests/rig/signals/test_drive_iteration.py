@@ -22,6 +22,7 @@ from rig.signals.drive_iteration import (
     noise_record,
     remembered_signal,
     shifted,
+    with_samples,
 )
 from rig.signals.following import following
 from rig.signals.record import STEP_S, Record, record_of
@@ -276,3 +277,19 @@ def test_a_response_inverts_nothing_beyond_its_last_frequency() -> None:
     assert inverse == pytest.approx([2.0, 2.0, 2.0, 0.0, 0.0])
     weak = replace(response, response=np.full(10, 0.01 + 0j))
     assert abs(weak.inverse(np.array([5.0]))[0]) <= 1.0, "a response below 0.1 is not amplified by more than 20 dB"
+
+
+def test_the_force_of_a_stored_command_is_checked_for_the_motion_that_it_gives() -> None:
+    """Its file may have been changed: a larger command moves the rod further than the target."""
+
+    class ByMotion(Limits):
+        def against(self, command: Record, expected: Record) -> str:
+            del command
+            return "" if expected.amplitude_m <= 1.3 * TARGET.amplitude_m else "force"
+
+    frequency_Hz = np.arange(0.5, 16.0, 0.5)
+    response = FrequencyResponse(0.0, 0.8, frequency_Hz, np.full(31, 0.8 + 0.0j), np.ones(31))
+    for factor, start in ((1.25, "kept"), (3.0, "target")):
+        command = with_samples(TARGET, factor * TARGET.amplitude_m * TARGET.shape)
+        kept = SignalDrive(TARGET.mark, TARGET.amplitude_m, 1.0, 0.8, command, response, start="kept")
+        assert allowed_start(kept, TARGET, ByMotion()).start == start

@@ -12,6 +12,7 @@ from rig.signals.wear_trend import (
     baseline_of,
     changes,
     forecast,
+    reached_by,
     sections_of,
     stop_rule,
 )
@@ -102,3 +103,49 @@ def test_a_limit_that_was_reached_states_when() -> None:
     cycle = np.arange(1, 41) * 1000.0
     reached = forecast(cycle, 0.01 * np.arange(1, 41), 0.3)
     assert (reached.state, reached.cycles) == ("reached", 30_000.0)
+
+
+def joined(*levels: float, noise: float = 0.0) -> Sections:
+    """Blocks of 100 cycles with these levels of every quantity."""
+    random = np.random.default_rng(5)
+    return Sections.joined([
+        sections_of(
+            np.arange(100 * n + 1, 100 * n + 101), n + 1,
+            {name: level + noise * random.standard_normal(100) for name in QUANTITIES},
+        ) for n, level in enumerate(levels)
+    ])  # fmt: skip
+
+
+def test_a_baseline_that_is_noise_ends_no_test() -> None:
+    sections = joined(0.0, 0.0, 0.0, noise=2.0)
+    baseline = baseline_of(sections, 0)
+    for name in ("gas_force_down", "friction_up", "stiffness_down"):
+        assert not reached_by(stop_rule(name, 0.05), sections, baseline)
+    sections = joined(20.0, 10.0, noise=2.0)
+    assert reached_by(stop_rule("gas_force_down", 0.3), sections, baseline_of(sections, 0))
+
+
+def test_missing_statistics_do_not_disable_a_rule() -> None:
+    rule = stop_rule("force_down", 0.2)
+    worn = joined(100.0, 50.0)
+    for values in worn.medians.values():
+        values[-1] = np.nan
+    assert reached_by(rule, worn, baseline_of(worn, 0)), "the last section has no samples"
+    late = joined(np.nan, 100.0, 50.0)
+    assert baseline_of(late, 0)["force_max"] == 100.0
+    assert reached_by(rule, late, baseline_of(late, 0)), "the first block has no statistics"
+    blind = joined(100.0, 50.0, np.nan)
+    assert not reached_by(rule, blind, baseline_of(blind, 0)), "an earlier block was evaluated when it ended"
+
+
+def test_a_forecast_is_never_in_the_past() -> None:
+    random = np.random.default_rng(1)
+    for _ in range(300):
+        cycle = 100.0 * np.arange(1, 24)
+        change = 1e-4 * cycle + 0.03 * random.standard_normal(23)
+        expected = forecast(cycle, change, 0.22)
+        if expected.state == "trend":
+            assert expected.low is not None
+            assert expected.cycles is not None
+            assert expected.high is not None
+            assert cycle[-1] <= expected.low <= expected.cycles <= expected.high
