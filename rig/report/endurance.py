@@ -88,7 +88,8 @@ def _rules(test: EnduranceTest) -> Blocks:
     rows = []
     for rule in test.ledger.rules:
         change, expected = test.ledger.followed(rule)
-        last = float(change[-1]) if change.size else np.nan
+        known = change[np.isfinite(change)]  # the last section may have no statistics
+        last = float(known[-1]) if known.size else np.nan
         cycles, interval = _forecast(expected)
         cells = (_capital(RULES[rule.name].words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
         rows.append(Row(cells, _severity(rule, last)))
