@@ -12,7 +12,9 @@ from protocols.near_miss import near_names
 from rig.campaign_folder import LOGS
 from rig.cli.options import Command, QuantityOption, json_option
 from rig.cli.output import console, progress_bar, say, show, shown_path, write_json, write_pdf
+from rig.display import SI, Display
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
+from rig.files.run_display import run_display
 from rig.recording.atomic_write import write_text_durably
 
 if TYPE_CHECKING:
@@ -71,28 +73,35 @@ def command(
     if limits are stated. golden: a golden damper against its own history, and what has drifted: force, displacement,
     current, temperature or the damper. gauge: repeatability and reproducibility by the analysis of variance.
 
+    Terminal and page use the units of [display] of the newest run; --json, and values from a server, are in SI units.
+
     The exit code is 8 if a chart signals after phase I, or the golden damper signals on its last day.
     """
     _check_options(out, on_paper=on_paper, low=low, high=high, bands=bands)
     # load scipy and SQLAlchemy: not needed for the help
     from rig.comparison.bands import load_bands
-    from rig.process_quality.study import Limits, chart_study, gauge_studies, golden_study, json_of
+    from rig.process_quality.display_units import in_display
+    from rig.process_quality.study import GoldenStudy, Limits, chart_study, gauge_studies, golden_study, json_of
 
-    limits = Limits(None if bands is None else load_bands(bands), low, high, reference)
     rows = _rows(kind, folder, url, quantity, current, filters)
-    study: Study
-    if kind == "golden":
-        study = golden_study(rows, baseline)
-    elif kind == "gauge":
-        study = gauge_studies(rows, "station" if by == "station" else "operator", limits)
-    else:
-        study = chart_study(rows, baseline, limits)
-    pages = [] if out is None else _written(study, rows, out.resolve(), on_paper=on_paper)
+    stated = None if bands is None else load_bands(bands)
+
+    def made(rows: Sequence[ResultRow], display: Display) -> Study:
+        limits = Limits(stated, low, high, reference, display)
+        if kind == "golden":
+            return golden_study(rows, baseline)
+        if kind == "gauge":
+            return gauge_studies(rows, "station" if by == "station" else "operator", limits)
+        return chart_study(rows, baseline, limits)
+
+    study, display = made(rows, SI), _display(folder, url, rows)
+    people = study if display.usual or isinstance(study, GoldenStudy) else made(in_display(rows, display), display)
+    pages = [] if out is None else _written(people, rows, out.resolve(), display, on_paper=on_paper)
     if as_json:
         report, paper = [*map(str, pages), None, None][:2]
         write_json({**json_of(study, kind), "report": report, "pdf": paper})
     else:
-        _show(study, pages)
+        _show(people, pages, display)
     return EXIT_DONE if getattr(study, "passed", True) else EXIT_NOT_ACCEPTED
 
 
@@ -153,20 +162,33 @@ def _check_quantity(name: str) -> None:
         raise click.UsageError(f"--quantity {name}: no such value. Fix: did you mean {' or '.join(near)}?")
 
 
-def _written(study: Study, rows: Sequence[ResultRow], page: Path, *, on_paper: bool) -> list[Path]:
+def _display(folder: Path, url: str | None, rows: Sequence[ResultRow]) -> Display:
+    """Units and signs of the newest of the runs; as usual for a server, which has no run directories.
+
+    Raises:
+        FileProblem: the `[display]` table of that run is not valid.
+    """
+    from rig.process_quality.series import when  # loads SQLAlchemy: not needed for the help
+
+    return SI if url is not None or not rows else run_display(folder / max(rows, key=when).run)
+
+
+def _written(
+    study: Study, rows: Sequence[ResultRow], page: Path, display: Display, *, on_paper: bool
+) -> list[Path]:
     from rig.document import html
     from rig.process_quality.document import document_of
 
     simulated = bool(rows) and all(row.simulated for row in rows)
-    document = document_of(study, simulated=simulated)
+    document = document_of(study, simulated=simulated, display=display)
     write_text_durably(page, html.page(document))
     return [page, *([write_pdf(document, page)] if on_paper else [])]
 
 
-def _show(study: Study, pages: Sequence[Path]) -> None:
+def _show(study: Study, pages: Sequence[Path], display: Display) -> None:
     from rig.process_quality.document import blocks_of
 
-    show(blocks_of(study, MOST_SHOWN), console())
+    show(blocks_of(study, MOST_SHOWN, display), console())
     for page in pages:
         say(shown_path(page))
 

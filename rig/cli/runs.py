@@ -20,6 +20,7 @@ from rig.results.run_index import VERDICTS, RunFilter, listed
 
 WIDE = 110
 """Columns from which specimen and date, which are part of most names, have columns of their own."""
+NOT_TESTED = "not-tested"
 MOST_SHOWN = 200
 """Rows of the table; the last ones."""
 
@@ -86,9 +87,11 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     if not runs:
         shown.print(f"no matching runs in {folder}", markup=False)
         return
+    tested = any(run["specimen_verdict"] != NOT_TESTED for run in runs)
     wide, unfinished = shown.width >= WIDE, any(run["unfinished"] and not run["running"] for run in runs)
     head = [
         Column("run"), *((Column("specimen"), Column("started")) if wide else ()), Column("verdict"),
+        *([Column("specimen verdict" if wide else "damper")] if tested else []),
         Column("valid", "", True), *([Column("recoverable", "", True)] if unfinished else []),
         Column("fit and error, % of force amplitude", "", True),
     ]  # fmt: skip
@@ -97,6 +100,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
         error = run["nrmse_percent_of_peak"]
         verdict, recoverable = ("running", "-") if run["running"] else (_outcome(run), str(run["unfinished"]))
         cells = [run["id"], *((run["specimen"], run["started"][:10]) if wide else ()), verdict]
+        cells += [run["specimen_verdict"]] if tested else []
         cells += [f"{run['valid']}/{max(run['planned'], run['points'])}", *([recoverable] if unfinished else [])]
         rows.append([*cells, "-" if error is None else f"{run['model']} {error:.3g}"])
     notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"] and not run["running"]]
@@ -123,7 +127,7 @@ def _summary(place: Path) -> dict[str, Any]:
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
         "planned": 0, "valid": 0, "unfinished": 0, "out_of_tolerance": 0, "apart": 0, "nrmse_percent_of_peak": None,
-        "remark": "",
+        "specimen_verdict": NOT_TESTED, "remark": "",
     }  # fmt: skip
     try:
         summary["unfinished"] = len(unfinished(CampaignFolder(place).points))
@@ -141,6 +145,7 @@ def _summary(place: Path) -> dict[str, Any]:
         summary |= {"points": len(verdicts), "valid": verdicts.count("valid")}
         summary |= dict.fromkeys(("out_of_tolerance", "apart"), len(run.apart))
         summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")
+        summary["specimen_verdict"] = _specimen_verdict(CampaignFolder(place).acceptance)
         summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(CampaignFolder(place).fit)
     except FileProblem as error:
         name = f"{Path(error.file).name}: " if error.file.endswith(".json") else ""
@@ -148,6 +153,19 @@ def _summary(place: Path) -> dict[str, Any]:
     except OSError as error:
         summary["remark"] = f"cannot be read: {error.strerror}"
     return summary
+
+
+def _specimen_verdict(path: Path) -> str:
+    """The verdict on the specimen; `not-tested` without acceptance bands.
+
+    Raises:
+        FileProblem: the file is damaged.
+    """
+    if not path.is_file():
+        return NOT_TESTED
+    from rig.comparison.specimen import read_specimen  # here: a list without acceptance bands loads no scipy
+
+    return str(read_specimen(path.parent).verdict)
 
 
 def _fit_error(path: Path) -> tuple[float | None, str]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
 
-from rig.display import Paper
+from rig.display import SI, Display, Shown
 from rig.document.blocks import (
     Block,
     Blocks,
@@ -32,6 +33,7 @@ from rig.document.numbers import NOTHING, number, with_uncertainty
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity, Words
 from rig.process_quality.capability import REQUIRED, Capability, Index
 from rig.process_quality.control_chart import ControlChart, Rule
+from rig.process_quality.display_units import size_of
 from rig.process_quality.gauge_study import FAIR_PERCENT, FEWEST_CATEGORIES, GOOD_PERCENT, Component, GaugeStudy
 from rig.process_quality.golden import DayFinding, Explanation
 from rig.process_quality.series import when
@@ -75,26 +77,26 @@ SOURCES = {
 }  # fmt: skip
 
 
-def document_of(study: Study, *, simulated: bool, paper: Paper = "A4") -> Document:
+def document_of(study: Study, *, simulated: bool, display: Display = SI) -> Document:
     """The page of a study: tables as on the terminal, then charts.
 
     Args:
-        study: what to show.
+        study: what to show; charts and gauge studies are already in the units of the display.
         simulated: whether all values come from a simulated rig.
-        paper: size of printed pages.
+        display: units, signs and paper size.
     """
     title = {ChartStudy: "Control charts", GoldenStudy: "Check by the golden damper",
              GaugeStudies: "Gauge repeatability and reproducibility"}[type(study)]
-    blocks: Blocks = [Heading(title, 1), _facts(study), *blocks_of(study, None), *_figures(study)]
-    return Document(title, tuple(with_contents(blocks)), SIMULATED if simulated else "", paper)
+    blocks: Blocks = [Heading(title, 1), _facts(study), *blocks_of(study, None, display), *_figures(study, display)]
+    return Document(title, tuple(with_contents(blocks)), SIMULATED if simulated else "", display.paper)
 
 
-def blocks_of(study: Study, most: int | None) -> Blocks:
+def blocks_of(study: Study, most: int | None, display: Display = SI) -> Blocks:
     """Verdict, tables and remarks; at most so many rows in a table (None: all)."""
     if isinstance(study, ChartStudy):
         blocks = _charts(study, most)
     elif isinstance(study, GoldenStudy):
-        blocks = _golden(study, most)
+        blocks = _golden(study, most, display)
     else:
         blocks = _gauges(study, most)
     return [*blocks, *(Note(FAIR, f"remark: {remark}") for remark in study.remarks)]
@@ -253,32 +255,33 @@ def _measurement(one: SeriesResult) -> Row:
     return Row(cells, _of_index(measured.cgk or measured.cg))
 
 
-def _golden(study: GoldenStudy, most: int | None) -> Blocks:
+def _golden(study: GoldenStudy, most: int | None, display: Display) -> Blocks:
     check = study.check
     blocks: Blocks = []
     if study.passed:
         blocks.append(Note(GOOD, f"{study.specimen}: no drift on the last day ({_day(study, check.days - 1)})"))
     for finding in check.findings[-1:]:
-        last = finding.index == check.days - 1
-        text = f"{study.specimen}, {_day(study, finding.index)}: drift: {_drift(finding)}"
-        blocks.append(Note(POOR if last else FAIR, text))
-        if last and finding.explanations:
+        today = finding.index == check.days - 1
+        text = f"{study.specimen}, {_day(study, finding.index)}: drift: {_drift(finding, display)}"
+        blocks.append(Note(POOR if today else FAIR, text))
+        if today and finding.explanations:
             blocks.append(Items(tuple(one.cause.advice for one in finding.explanations)))
     rows = []
     for cause, chart in check.charts.items():
-        last = chart.values[-1]
+        shown, last = size_of(cause, display), float(chart.values[-1])
         signals = [finding for finding in check.findings if any(one.cause == cause for one in finding.explanations)]
         level = POOR if any(one.index == check.days - 1 for one in signals) else FAIR if signals else GOOD
-        rows.append(Row((cause.words, cause.unit, number(last - chart.centre, 3), number(3.0 * chart.sigma, 3),
+        rows.append(Row((cause.words, shown.unit, number(shown.signed(last - chart.centre), 3),
+                         number(3.0 * chart.sigma / shown.scale, 3),
                          str(len(signals))), level))  # fmt: skip
     head = (Column("possible cause"), Column("unit"), Column("last day", "", True), Column("3 sigma", "", True),
             Column("days with a signal", "", True))  # fmt: skip
     blocks.append(table(head, rows))
     blocks.append(Paragraph("The size of each cause is estimated from all values of a day; a drift of one cause also "
         "changes the estimates of others, so the cause whose pattern fits best is named.", small=True))
-    shown = check.findings[-(most or DAYS_NAMED):]
-    if len(shown) > 1:
-        days = tuple(f"{_day(study, one.index)}: {_drift(one)}" for one in shown)
+    listed = check.findings[-(most or DAYS_NAMED):]
+    if len(listed) > 1:
+        days = tuple(f"{_day(study, one.index)}: {_drift(one, display)}" for one in listed)
         blocks += [*section("Days with a signal"), Items(days)]
     return blocks
 
@@ -287,16 +290,16 @@ def _day(study: GoldenStudy, index: int) -> str:
     return _date(study.started[index]) or study.runs[index]
 
 
-def _drift(finding: DayFinding) -> str:
+def _drift(finding: DayFinding, display: Display) -> str:
     if not finding.explanations:
         key, sigma = finding.shifted[0]
         return f"no single cause explains the deviations; largest: {key.label}, {sigma:+.1f} sigma"
-    return " or ".join(map(_explained, finding.explanations))
+    return " or ".join(_explained(one, size_of(one.cause, display)) for one in finding.explanations)
 
 
-def _explained(one: Explanation) -> str:
-    size = with_uncertainty(one.size, one.std)
-    return f"{one.cause.words}: {size} {one.cause.unit} (explains {100.0 * one.share:.0f} % of the deviation)"
+def _explained(one: Explanation, shown: Shown) -> str:
+    size = with_uncertainty(shown.signed(one.size), one.std / shown.scale)
+    return f"{one.cause.words}: {size} {shown.unit} (explains {100.0 * one.share:.0f} % of the deviation)"
 
 
 def _grr(percent: float) -> Severity:
@@ -370,7 +373,7 @@ def _anova(study: GaugeStudy) -> Block:
     return table(head, rows)
 
 
-def _figures(study: Study) -> Blocks:
+def _figures(study: Study, display: Display) -> Blocks:
     """Charts of the study."""
     if isinstance(study, ChartStudy):
         charted = [one for one in _ordered(study.results) if one.chart is not None]
@@ -389,11 +392,18 @@ def _figures(study: Study) -> Blocks:
     if isinstance(study, GoldenStudy):
         blocks = section("Charts", "Size of each possible cause over the days, with control limits at 3 sigma.")
         cards = tuple(
-            Card(f"{cause.words}, {cause.unit}", (Figures((chart_figures(chart, cause.unit, "Day")[0],)),))
-            for cause, chart in study.check.charts.items()
+            Card(f"{cause.words}, {shown.unit}",
+                 (Figures((chart_figures(_scaled(chart, shown), shown.unit, "Day")[0],)),))
+            for cause, chart in study.check.charts.items() for shown in (size_of(cause, display),)
         )
         return [*blocks, Cards(cards, large=True)]
     return []
+
+
+def _scaled(chart: ControlChart, shown: Shown) -> ControlChart:
+    """A chart of differences in the unit of a display."""
+    return replace(chart, values=shown.signed(chart.values), centre=shown.signed(chart.centre),
+                   sigma=chart.sigma / shown.scale, mean_range=chart.mean_range / shown.scale)
 
 
 def chart_figures(

@@ -11,12 +11,15 @@ from typing import Any, Literal
 import numpy as np
 
 from rig.comparison.bands import Bands
+from rig.display import SI, Display, Shown
 from rig.errors import FileProblem
 from rig.process_quality.capability import Capability, GaugeCapability, gauge_capability, process_capability
 from rig.process_quality.control_chart import ControlChart, TooFewValues, control_chart
+from rig.process_quality.display_units import shown_of
 from rig.process_quality.gauge_study import GaugeStudy, balanced, gauge_study
 from rig.process_quality.golden import GoldenCheck, Key, golden_check
 from rig.process_quality.series import Series, limits_of, remarks_on, series_of, when
+from rig.results.quantities import QUANTITIES
 from rig.results.reader import ResultRow
 
 Operator = Literal["operator", "station"]
@@ -30,14 +33,16 @@ class Limits:
 
     Attributes:
         bands: acceptance bands; None without.
-        low, high: limits for all requested series, in their unit; None: open.
-        reference: reference value of one specimen; None: unknown.
+        low, high: limits for all requested series, in their SI unit; None: open.
+        reference: reference value of one specimen, in its SI unit; None: unknown.
+        display: units and signs of the series.
     """
 
     bands: Bands | None = None
     low: float | None = None
     high: float | None = None
     reference: float | None = None
+    display: Display = SI
 
     @property
     def stated(self) -> bool:
@@ -45,10 +50,27 @@ class Limits:
         return self.bands is not None or self.low is not None or self.high is not None
 
     def of(self, series: Series) -> tuple[float | None, float | None]:
-        """Lower and upper limit of a series; None: open."""
+        """Lower and upper limit of a series, in its unit; None: open."""
         if self.low is not None or self.high is not None:
-            return self.low, self.high
-        return limits_of(series, self.bands)
+            low, high = self.low, self.high
+        else:
+            low, high = limits_of(series, self.bands)
+        shown = self._shown(series)
+        if shown is None:
+            return low, high
+        ends = [None if one is None else shown.signed(one) for one in (low, high)]
+        low, high = ends[::-1] if shown.positive == "compression" else ends
+        return low, high
+
+    def reference_of(self, series: Series) -> float | None:
+        """Reference value in the unit of a series; None: unknown."""
+        shown = self._shown(series)
+        return self.reference if shown is None or self.reference is None else shown.signed(self.reference)
+
+    def _shown(self, series: Series) -> Shown | None:
+        """How the series is shown; None: in SI units."""
+        about = QUANTITIES.get(series.quantity)
+        return None if about is None or self.display.usual else shown_of(about.name, about.unit, self.display)
 
 
 @dataclass(frozen=True)
@@ -156,7 +178,7 @@ def _charted(series: Series, baseline: int | None, limits: Limits) -> SeriesResu
     result = replace(result, uncertainty_percent=100.0 * 4.0 * series.uncertainty / (high - low))
     if len(set(series.specimens)) == 1 and series.specimens[0]:
         try:
-            measured = gauge_capability(series.values, high - low, limits.reference, series.uncertainty)
+            measured = gauge_capability(series.values, high - low, limits.reference_of(series), series.uncertainty)
             result = replace(result, measurement=measured)
         except ValueError as error:
             why.append(f"no capability of the measurement: {error}")

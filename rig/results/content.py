@@ -30,6 +30,7 @@ from rig.recording.run import Run, read_campaign, read_words
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
 from rig.results.run_index import VERDICTS
 from rig.results.schema import stored_current
+from rig.results.special_tests import special_values
 
 NAMESPACE = uuid.UUID("6f3f6d0b-0d0e-5bd2-9a55-1b8f9a3c4d77")
 """Of the campaigns' UUIDs, which are derived from the name in `campaign.json`: a copied or renamed directory, or one
@@ -82,7 +83,7 @@ def content_of(folder: Path) -> Content:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the points' remarks are in their own rows
             made = characterise(run)
-        rows = list(_characteristics(run, made))
+        rows = list(_characteristics(run, made, special_values(run, made.response, remarks)))
         children["points"] = [_point(point, made) for point in run.points]
         children["characteristics"] = rows
         children["calibrations"] = list(_calibrations(run))
@@ -274,7 +275,7 @@ def _point(point: RecordedPoint, made: Characteristics) -> Row:
     }
 
 
-def _characteristics(run: Run, made: Characteristics) -> Iterator[Row]:
+def _characteristics(run: Run, made: Characteristics, special: Mapping[str, Mapping[str, Measured]]) -> Iterator[Row]:
     """Every value of every point that is not invalid; the state of the bench of every point."""
     loops = {loop.id: loop for loop in made.loops}
     ranges = {ratio.id: ratio for ratio in made.dynamic_range}
@@ -296,7 +297,7 @@ def _characteristics(run: Run, made: Characteristics) -> Iterator[Row]:
                        "gas_spring_stiffness": test.stiffness_N_m}  # fmt: skip
         if made.lag is not None and steps and point.id == steps[0]:
             values["coil_rate"] = Measured(made.lag.eta_1_s, made.lag.std_1_s, math.nan)
-        values |= _recorded(point)
+        values |= {**_recorded(point), **special.get(point.id, {})}
         motion = _motion(point, loop)
         for name, measured in values.items():
             if math.isfinite(measured.value):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 from rig.comparison.readings import QUANTITIES as COMPARED
 from rig.recording.quality.point_quality import PointQuality
+from rig.signals.wear_trend import RULES
 
 SPECIMEN, BENCH = "specimen", "bench"
 """What a value or a verdict is about."""
@@ -21,6 +23,51 @@ class StoredQuantity:
     unit: str
     subject: str = SPECIMEN
 
+
+ENDURANCE_CYCLES, ENDURANCE_PROGRESS = "endurance_cycles", "endurance_progress"
+
+
+def response_time(name: str, *, switched: str, direction: str) -> str:
+    """Quantity of a response time: its name, the current switched `on` or `off`, in `rebound` or `compression`."""
+    return f"response_{name}_{switched}_{direction}"
+
+
+def cycles_to(rule: str) -> str:
+    """Quantity of the cycles after which a stop rule ended an endurance test."""
+    return f"endurance_cycles_to_{rule}"
+
+
+def wear(rule: str) -> str:
+    """Quantity of the value that a stop rule watches, at the end of an endurance test."""
+    return f"endurance_end_{rule}"
+
+
+RESPONSE_TIMES = {
+    "dead_time": "Dead time of the force", "t63": "Time to 63 % of the force step",
+    "t90": "Time to 90 % of the force step", "t95": "Time to 95 % of the force step",
+    "coil_t63": "Time to 63 % of the step of the coil current",
+}
+HYBRID = (
+    StoredQuantity("hybrid_tracking_error", "Hybrid test: RMS error of the rod, relative to its target", "1", BENCH),
+    StoredQuantity("hybrid_reference_error", "Hybrid test: RMS error of the body's motion, relative", "1", BENCH),
+    StoredQuantity("hybrid_hop_error", "Hybrid test: RMS error of the wheel's motion, relative", "1", BENCH),
+    StoredQuantity("hybrid_delay", "Hybrid test: delay of the rod behind its set-point", "s", BENCH),
+    StoredQuantity("hybrid_energy_error", "Hybrid test: largest energy error, relative to the work", "1", BENCH),
+)
+SPECIAL = (
+    *(StoredQuantity(response_time(name, switched=switched, direction=direction),
+                     f"{title}, current switched {switched}, {direction}", "s")
+      for (name, title), switched, direction in product(RESPONSE_TIMES.items(), ("on", "off"),
+                                                        ("rebound", "compression"))),
+    StoredQuantity(ENDURANCE_CYCLES, "Endurance test: cycles run", "1"),
+    StoredQuantity(ENDURANCE_PROGRESS, "Endurance test: cycles run, relative to those planned", "1"),
+    *(StoredQuantity(cycles_to(name), f"Endurance test: cycles until a stop rule ended it ({rule.words})", "1")
+      for name, rule in RULES.items()),
+    *(StoredQuantity(wear(name), f"Endurance test: {rule.words} at its end" + (", relative" if rule.relative else ""),
+                     "1" if rule.relative else "degC") for name, rule in RULES.items()),
+    *HYBRID,
+)  # fmt: skip
+"""Quantities of the tests that are not loops: response, endurance and hybrid tests."""
 
 QUANTITIES = {one.name: one for one in (
     *(StoredQuantity(one.key, one.title, one.unit) for one in COMPARED.values()),
@@ -43,6 +90,7 @@ QUANTITIES = {one.name: one for one in (
     StoredQuantity("displacement_offset", "Offset of the LVDT from the controller's position input", "m", BENCH),
     StoredQuantity("force_noise", "Noise of a force sample", "N", BENCH),
     StoredQuantity("harmonic_distortion", "Harmonic distortion of the motion, relative to the fundamental", "1", BENCH),
+    *SPECIAL,
 )}  # fmt: skip
 """Name -> quantity; those that `rig compare` knows have its names."""
 

@@ -138,10 +138,13 @@ class Case:
 WITHOUT_PAUSES = tuple(event for event in EVENTS if not isinstance(event, PAUSES_AND_TWINS))
 HEALTHY = (ev.Begin, ev.Done, ev.ZerosJudged, ev.ProofLegDone, ev.ProofJudged, ev.Centred, ev.CurrentSettled)
 STOPPED = (ev.Tripped, ev.Fault, ev.Safe, ev.Unknown, ev.RestOver, ev.TimedOut, ev.Abort, ev.Judged)
-HOT_EVENTS: tuple[ev.Event, ...] = (
+STOPPED_OR_HEALTHY: tuple[ev.Event, ...] = (
     *(event for event in EVENTS if isinstance(event, HEALTHY + STOPPED)),
     ev.ProgramEnded(at_centre=True),
     ev.Standstill(),
+)
+HOT_EVENTS: tuple[ev.Event, ...] = (
+    *STOPPED_OR_HEALTHY,
     ev.Tripped(StopKind.FADE_OUT, HOT),
     ev.Declined(Request.RESET, STILL_HOT),
     ev.Declined(Request.RESET, FINAL),
@@ -158,7 +161,7 @@ CASES = {
     "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.EVALUATING, Phase.RESETTING})),
     "compensated": Case(*COMPENSATED, events=WITHOUT_PAUSES + MEASURED_MOTIONS, phases=frozenset({Phase.ADAPTING})),
     "iterated": Case(
-        (SIGNAL,), Conditions(iteration=IterationSettings()), events=WITHOUT_PAUSES + ITERATED,
+        (SIGNAL,), Conditions(iteration=IterationSettings()), events=STOPPED_OR_HEALTHY + ITERATED,
         phases=frozenset({Phase.ITERATING, Phase.CORRECTING}),
     ),
     "tempered": Case(

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from in_process import rig
 
 from rig.campaign.file_copies import keep_matrix, kept_hashes
 from rig.campaign.results import CampaignResult
@@ -137,6 +138,9 @@ def test_the_verdict_is_written_read_shown_and_makes_the_exit_code(made_run: Mak
     result = result_of(kept(folder, bands(REBOUND.format(current=0.5, low=80, high=90))))
     write_specimen(folder, result)
     assert read_specimen(folder).to_json() == result.to_json()
+    (listed,) = json.loads(rig("runs", "--in", folder.parent, "--json").stdout)["runs"]
+    assert (listed["specimen"], listed["specimen_verdict"]) == ("S-a", "not-ok")
+    assert "not-ok" in rig("runs", "--in", folder.parent).stdout
     assert EndedRun(folder).specimen == {"verdict": "not-ok", "reason": result.reason}
     assert result.reason.startswith("rebound force at sine, 20 mm, 1 Hz, 0.5 A (p001): 75.6")
     assert "allowed 80 to 90 N, margin -4.3" in result.reason

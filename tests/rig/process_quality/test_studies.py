@@ -14,8 +14,10 @@ import pytest
 from in_process import rig
 
 from rig.comparison import load_bands
+from rig.display import Display
 from rig.document import html
 from rig.errors import FileProblem
+from rig.process_quality.display_units import in_display
 from rig.process_quality.document import blocks_of, document_of
 from rig.process_quality.golden import Cause, Key, golden_check
 from rig.process_quality.study import Limits, chart_study, gauge_studies, golden_study
@@ -173,6 +175,15 @@ def test_capability_uses_the_bands_that_apply(tmp_path: Path) -> None:
     assert near.uncertainty_percent == pytest.approx(100.0 * 4.0 / 60.0)
     assert far.capability is None
     assert far.why == ("no capability: no limit is stated for this value",)
+    shown = Display(force_unit="lbf", displacement_unit="in", positive="compression")
+    in_lbf = chart_study(in_display(listed, shown), limits=Limits(load_bands(file), display=shown)).results[0]
+    assert (in_lbf.series.unit, in_lbf.series.motion) == ("lbf", "sine 1.181 in 1 Hz")
+    assert in_lbf.series.values == pytest.approx(-near.series.values / 4.4482216)
+    assert in_lbf.capability is not None
+    assert (in_lbf.capability.low, in_lbf.capability.high) == pytest.approx((-530.0 / 4.4482216, -470.0 / 4.4482216))
+    assert in_lbf.capability.ppk is not None
+    assert near.capability.ppk is not None
+    assert in_lbf.capability.ppk.value == pytest.approx(near.capability.ppk.value)
     one = chart_study(rows(normal(30), specimen="S"), limits=Limits(low=470.0, high=530.0, reference=500.0)).results[0]
     assert one.measurement is not None
     assert one.measurement.cgk is not None
@@ -236,13 +247,15 @@ def test_the_command_names_the_specimen_that_differs(tmp_path: Path) -> None:
         example.write_run(tmp_path / "runs", BEGIN + timedelta(hours=number), f"SP-{number:03d}", random,
                           force=1.08 if number == 10 else 1.0 + 0.01 * random.standard_normal())  # fmt: skip
     page = tmp_path / "page.html"
+    newest = max((tmp_path / "runs").iterdir())
+    (newest / "bench.toml").write_text('[display]\nforce = "lbf"\n')
     done = rig("quality", "--in", tmp_path / "runs", "--baseline", "8", "--out", page, "--json")
     assert done.returncode == 8, done.stderr
     answer = json.loads(done.stdout)
     force = next(one for one in answer["series"] if one["quantity"] == "rebound_force" and one["current_A"] == 1.0)
-    assert force["specimens"][10] == "SP-010"
+    assert (force["specimens"][10], force["unit"]) == ("SP-010", "N")
     assert {one["index"] for one in force["chart"]["violations"] if one["rule"] == "beyond-3-sigma"} == {10}
-    assert "SP-010" in page.read_text(encoding="utf-8")
+    assert all(word in page.read_text(encoding="utf-8") for word in ("SP-010", "lbf"))
     for words in (("--pdf",), ("--low", "3", "--high", "2"), ("golden", "--in", tmp_path / "runs")):
         refused = rig("quality", "--in", tmp_path / "runs", *words)
         assert refused.returncode == 2

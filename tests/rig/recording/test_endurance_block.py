@@ -17,6 +17,7 @@ from rig.recording.hdf5.reading import check_values, read_cycles
 from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
+from rig.results.content import content_of
 from rig.signals.wear_trend import NO_SECTIONS, stop_rule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
@@ -98,6 +99,11 @@ def test_a_whole_block_is_valid_and_counted(whole: Path) -> None:
     assert (piece.run, piece.recorded, piece.unseen, piece.verdict) == (CYCLES, CYCLES, 0, "valid")
     assert len(piece.sections) == 4
     assert RecordedPoint.open(whole).endurance == STEP
+    rows = content_of(whole.parents[1]).children["characteristics"]
+    values = {row["quantity"]: row["value"] for row in rows if row["quantity"].startswith("endurance")}
+    assert (values["endurance_cycles"], values["endurance_progress"]) == (CYCLES, CYCLES / 1000)
+    assert abs(values["endurance_end_force_down"]) < 0.02, "a damper that does not wear"
+    assert not any(name.startswith("endurance_cycles_to") for name in values), "no stop rule ended the test"
 
 
 def test_a_torn_journal_counts_what_it_holds_and_states_what_may_be_missing(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from rig.recording.journal.journal_file import JournalContent
 from rig.recording.layout import PointContext
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.response import response_blocks, response_section
+from rig.results.content import content_of
 from rig.test_point import TestPoint
 
 COIL_S, FLUID_S, STEP_N = 0.012, 0.006, 500.0
@@ -83,7 +84,8 @@ def rig_of(**changes: object) -> SteppedRig:
 
 def recorded(folder: Path, rig: SteppedRig, **context: object) -> RecordedPoint:
     given: PointContext = rig.context(point=rig.point, **context)
-    path = folder / "p.h5"
+    path = folder / "points" / "p.h5"
+    path.parent.mkdir()
     content = JournalContent("", rig.records(), end={"stopped_by": None, "lost_records": 0})
     write_file(path, build(content, given)[0])
     return RecordedPoint.open(path)
@@ -160,6 +162,21 @@ def test_the_coil_s_lag_under_motion_is_that_of_current_steps(
     assert lag.eta_1_s == pytest.approx(1.0 / COIL_S, abs=5.0 * lag.std_1_s)
     assert lag.behind_s is not None
     assert lag.behind_s[0] == pytest.approx(FLUID_S, abs=4.0 * lag.behind_s[1])
+
+
+def test_the_measured_times_are_rows_of_the_results_database(
+    measured: tuple[RecordedPoint, tuple[ResponseTest, ...]]
+) -> None:
+    point, tests = measured
+    assert point.path is not None
+    rows = {row["quantity"]: row for row in content_of(point.path.parents[1]).children["characteristics"]}
+    for test in tests:
+        kind = f"{'on' if test.rises else 'off'}_{test.direction}"
+        time, coil = rows[f"response_t63_{kind}"], rows[f"response_coil_t63_{kind}"]
+        assert (time["value"], time["standard_uncertainty"]) == (test.best(0).value_s, test.best(0).std_s)
+        assert (time["unit"], time["subject"], time["point"]) == ("s", "specimen", point.id)
+        assert coil["value"] == pytest.approx(COIL_S, rel=0.05)
+        assert f"response_dead_time_{kind}" in rows
 
 
 def test_report_terminal_and_json_show_the_same_numbers(

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from in_process import rig
 from result_tables import comparable
 from sqlalchemy import text
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from conftest import Make, PostgreSQL
 
 pytestmark = pytest.mark.wire
+
+RUNS_A_STATION = 2
 
 
 def delivered(runs: Path, url: str) -> Outbox:
@@ -48,6 +51,12 @@ def test_rows_on_the_server_equal_those_in_the_folder(runs: Path, made: Make, se
     made("r1", points=2, percent=0.5)
     made("r2", specimen="MR-2", verdict="suspect", operator="J. Doe")
     assert delivered(runs, server).delivered == 2
+    in_folder, on_server = (
+        json.loads(rig("quality", "--quantity", "rebound_force", "--json", *place).stdout)
+        for place in (("--in", runs), ("--results", server))
+    )  # fmt: skip
+    assert in_folder == on_server
+    assert [one["count"] for one in on_server["series"]] == [1], "the other run is not valid"
     with open_results(runs) as (local, _), open_results(runs, server) as (remote, _):
         own, theirs = list(result_rows(local)), list(result_rows(remote))
         assert own == theirs
@@ -73,21 +82,14 @@ def test_a_second_delivery_writes_nothing_and_a_changed_run_is_updated(runs: Pat
     assert len(after["campaigns"]) == 1
 
 
-def test_without_the_record_of_deliveries_the_server_is_asked(runs: Path, made: Make, server: str) -> None:
-    made("r1")
-    delivered(runs, server)
-    before = all_rows(server)
-    (runs / NAME).unlink()
-    assert (delivered(runs, server).delivered, all_rows(server)) == (1, before)
-
-
-def test_a_server_that_was_restored_from_an_older_backup_gets_what_it_lost(
-    runs: Path, made: Make, server: str
-) -> None:
+def test_what_a_folder_or_a_server_has_forgotten_is_delivered_once(runs: Path, made: Make, server: str) -> None:
+    """The record of deliveries is lost; the server is restored from an older backup."""
     made("r1")
     made("r2")
     delivered(runs, server)
     before = all_rows(server)
+    (runs / NAME).unlink()
+    assert (delivered(runs, server).delivered, all_rows(server)) == (2, before)
     with opened(server) as database, database.transaction() as connection:
         connection.execute(text("DELETE FROM campaigns WHERE run = 'r1'"))
     assert delivered(runs, server).waiting == 0
@@ -103,22 +105,7 @@ def test_a_copy_that_another_computer_changed_is_not_changed_back(runs: Path, ma
     assert table(server, "campaigns")[0]["operator"] == "somebody"
 
 
-def test_a_stopped_server_loses_nothing(runs: Path, made: Make, server: str, postgresql: PostgreSQL) -> None:
-    made("r1")
-    delivered(runs, server)
-    made("r2")
-    postgresql.stop()
-    try:
-        state = delivered(runs, server)
-        assert (state.delivered, state.waiting) == (1, 1)
-        assert "1 of 2 campaigns delivered" in state.line
-        assert "1 waiting" in state.line
-    finally:
-        postgresql.start()
-    assert (delivered(runs, server).delivered, len(table(server, "campaigns"))) == (2, 2)
-
-
-def test_a_server_that_dies_in_a_write_keeps_no_part_of_a_campaign(
+def test_a_server_that_dies_in_a_write_keeps_no_part_of_a_campaign_and_loses_none(
     runs: Path, made: Make, server: str, postgresql: PostgreSQL, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made("r1")
@@ -139,9 +126,12 @@ def test_a_server_that_dies_in_a_write_keeps_no_part_of_a_campaign(
     with monkeypatch.context() as dying:
         dying.setattr("rig.results.delivery.put", lambda *given: _with(filling, Dying(children), given))
         state = delivered(runs, server)
-    assert state.waiting == 1
     assert state.error
+    stopped = delivered(runs, server)
     postgresql.start()
+    assert (stopped.delivered, stopped.waiting, state.waiting) == (2, 1, 1)
+    assert "2 of 3 campaigns delivered" in stopped.line
+    assert "1 waiting" in stopped.line
     assert all_rows(server) == before
     assert delivered(runs, server).waiting == 0
     assert [row["run"] for row in sorted(table(server, "campaigns"), key=lambda row: str(row["run"]))] == [
@@ -160,17 +150,18 @@ def _with(filling, children, given):  # type: ignore[no-untyped-def]  # noqa: AN
 def station(folder: Path, url: str) -> None:
     """A station's own process."""
     state = delivered(folder, url)
-    os._exit(0 if (state.delivered, state.waiting, state.error) == (3, 0, "") else 1)
+    os._exit(0 if (state.delivered, state.waiting, state.error) == (RUNS_A_STATION, 0, "") else 1)
 
 
-def test_ten_stations_that_write_at_once_lose_nothing_and_double_nothing(
-    tmp_path: Path, runs: Path, made: Make, server: str
+@pytest.mark.parametrize("count", [3, pytest.param(10, marks=pytest.mark.nightly)])
+def test_stations_that_write_at_once_lose_nothing_and_double_nothing(
+    tmp_path: Path, runs: Path, made: Make, server: str, count: int
 ) -> None:
     source = made("a")
     assert source.parent == runs
-    folders = [tmp_path / f"station{number}" for number in range(10)]
+    folders = [tmp_path / f"station{number}" for number in range(count)]
     for name, folder in enumerate(folders):
-        for number in range(3):
+        for number in range(RUNS_A_STATION):
             copy = folder / f"s{name}-{number}"
             (copy / "points").mkdir(parents=True)
             (copy / "points" / "p001.h5").hardlink_to(source / "points" / "p001.h5")
@@ -183,12 +174,12 @@ def test_ten_stations_that_write_at_once_lose_nothing_and_double_nothing(
         process.start()
     for process in stations:
         process.join(120)
-    assert [process.exitcode for process in stations] == [0] * 10
-    assert len(table(server, "campaigns")) == 30
-    assert len(table(server, "stations")) == 10
-    assert [row["specimen"] for row in table(server, "specimens")] == ["MR-0", "MR-1", "MR-2"]
+    assert [process.exitcode for process in stations] == [0] * count
+    assert len(table(server, "campaigns")) == count * RUNS_A_STATION
+    assert len(table(server, "stations")) == count
+    assert [row["specimen"] for row in table(server, "specimens")] == ["MR-0", "MR-1"]
     values = table(server, "characteristics")
-    assert len(values) == 30 * len({row["quantity"] for row in values})
+    assert len(values) == count * RUNS_A_STATION * len({row["quantity"] for row in values})
 
 
 def test_a_wrong_password_is_named_without_the_password(
@@ -243,18 +234,16 @@ def test_a_newer_schema_on_the_server_is_refused_and_not_written(runs: Path, mad
 def test_tables_of_another_program_are_neither_used_nor_removed(
     runs: Path, made: Make, server: str, postgresql: PostgreSQL
 ) -> None:
+    """Nor is a database without results written by reading."""
     made("r1")
+    with pytest.raises(FileProblem, match="contains no results yet"), open_results(runs, server):
+        pass
     name = server.rpartition("/")[2]
     postgresql.sql("CREATE TABLE points (x int)", name)
     postgresql.sql("INSERT INTO points VALUES (7)", name)
     with pytest.raises(FileProblem, match=r"another program with the same names \(points\)"):
         delivered(runs, server)
     assert postgresql.sql("SELECT x FROM points", name) == "7"
-
-
-def test_a_server_without_results_is_not_written_by_reading(runs: Path, server: str) -> None:
-    with pytest.raises(FileProblem, match="contains no results yet"), open_results(runs, server):
-        pass
 
 
 def test_an_unreachable_server_is_named_when_it_is_read(runs: Path) -> None:

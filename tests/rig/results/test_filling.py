@@ -6,22 +6,27 @@ import json
 import math
 import shutil
 import sqlite3
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from result_tables import comparable
 from sqlalchemy import text
 
+from rig.characteristics.hybrid_tests import HybridTest
 from rig.comparison.acceptance import AcceptanceResult, Result, State
 from rig.comparison.specimen import SpecimenResult, SpecimenVerdict, write_specimen
 from rig.errors import FileProblem
-from rig.results import documentation, filling
+from rig.hybrid.assessment import Assessment
+from rig.results import documentation, filling, special_tests
 from rig.results.filling import Filled, filled_database
 from rig.results.reader import ResultFilter, ResultRow, date_range, open_results, result_rows
 from rig.results.run_index import NAME, RunFilter, listed
 from rig.results.schema import RESULTS, VIEWS
+from rig.signals.wear_trend import RULES
 
 if TYPE_CHECKING:
     from conftest import Make
@@ -89,6 +94,26 @@ def test_a_fit_gives_its_identifiable_parameters(runs: Path, made: Make) -> None
     assert reasons == {"Fy": "", "eta": "no step"}
 
 
+def test_hybrid_tests_and_the_rule_that_ended_an_endurance_test_are_rows(
+    runs: Path, made: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made("r1")
+    hybrid = HybridTest("p001", "delay", "passive", "valid", None, Assessment(0.02, 0.03, None, {}), {"delay_s": 0.012})
+    ledger = SimpleNamespace(
+        test="e", cycles_run=4000, reached="force_down", sections=(1,), followed=lambda rule: ([0.1, rule.limit], None)
+    )
+    block = SimpleNamespace(id="p001")
+    monkeypatch.setattr(special_tests, "hybrid_tests", lambda _run: (hybrid,))
+    monkeypatch.setattr(special_tests, "endurance_tests", lambda _run: (SimpleNamespace(ledger=ledger, planned=5000),))
+    monkeypatch.setattr(special_tests, "_last_block", lambda _run, test: block if test == "e" else None)
+    values = {row.quantity: row.value for row in rows(runs) if row.quantity.startswith(("hybrid", "endurance"))}
+    assert values == {
+        "hybrid_tracking_error": 0.02, "hybrid_reference_error": 0.03, "hybrid_delay": 0.012,
+        "endurance_cycles": 4000.0, "endurance_progress": 0.8, "endurance_cycles_to_force_down": 4000.0,
+        **{f"endurance_end_{name}": 1.0 for name in RULES},
+    }  # fmt: skip
+
+
 def test_the_verdict_on_the_specimen_comes_with_its_margins(runs: Path, made: Make) -> None:
     run = made("r1")
     result = Result("rebound_force", "r1", "sine, 20 mm, 1 Hz, 0.5 A", ("p001",), 75.7, 1.0, 80.0, None, "N",
@@ -104,21 +129,23 @@ def test_the_verdict_on_the_specimen_comes_with_its_margins(runs: Path, made: Ma
     assert verdicts["specimen", 0]["bands"] == "drawing 1"
 
 
-@pytest.mark.parametrize(("wanted", "runs_of"), [
+WANTED: tuple[tuple[dict[str, Any], set[str]], ...] = (
     ({}, {"r1", "r2", "r3"}), ({"specimen": "MR-2"}, {"r2"}), ({"specimen": "mr-2"}, set()),
     ({"specimen": "MR-?"}, {"r1", "r2", "r3"}), ({"date": "2026-11-27"}, {"r1"}), ({"date": "2026-12"}, {"r2"}),
     ({"date": ":2026-11"}, {"r1"}), ({"date": "2026-12:"}, {"r2", "r3"}), ({"quantity": "energy"}, {"r1", "r2", "r3"}),
     ({"matrix": "sine.*"}, {"r1", "r2", "r3"}), ({"matrix": "100%"}, set()), ({"station": "bench 3"}, {"r3"}),
     ({"operator": ""}, {"r1", "r2", "r3"}), ({"current_A": 1.0}, {"r3"}), ({"verdict": "suspect"}, {"r2"}),
     ({"campaign": "r3"}, {"r3"}),
-])  # fmt: skip
-def test_all_conditions_of_a_filter_must_hold(
-    runs: Path, made: Make, wanted: dict[str, Any], runs_of: set[str]
-) -> None:
+)  # fmt: skip
+
+
+def test_all_conditions_of_a_filter_must_hold(runs: Path, made: Make) -> None:
     made("r1")
     made("r2", specimen="MR-2", started="2026-12-31T23:59:59+00:00", verdict="suspect")
     made("r3", specimen="MR-3", started="2027-01-01T00:00:00+00:00", station="bench 3", current_A=1.0)
-    assert {row.run for row in rows(runs, **wanted)} == runs_of
+    with open_results(runs) as (database, _):
+        selected = [{row.run for row in result_rows(database, ResultFilter(**wanted))} for wanted, _ in WANTED]
+    assert selected == [runs_of for _, runs_of in WANTED]
 
 
 def test_a_date_that_does_not_exist_is_named() -> None:
@@ -128,24 +155,25 @@ def test_a_date_that_does_not_exist_is_named() -> None:
         date_range("2026-02-30")
 
 
-@pytest.mark.parametrize(("change", "read"), [
-    (lambda f: None, 0),
-    (lambda f: shutil.rmtree(f / "r1"), 0),
-    (lambda f: (f / "r1").rename(f / "r9"), 1),
-    (lambda f: (f / "r1" / "points" / "p001.h5").unlink(), 1),
-    (lambda f: (f / "r2" / "operator.json").write_text('{"operator": "J. Doe"}'), 1),
-    (lambda f: (f / NAME).unlink(), 2),
-])
-def test_what_changed_outside_is_read_again_and_nothing_else(runs: Path, made: Make, change: Any, read: int) -> None:  # noqa: ANN401 - any call
+def test_what_changed_outside_is_read_again_and_nothing_else(runs: Path, made: Make) -> None:
     made("r1")
     made("r2", specimen="MR-2")
     filled(runs)
-    change(runs)
-    assert filled(runs).read == read
-    kept = content(runs)
-    assert filled(runs, rebuild=True).read == len(list(runs.glob("r?")))
-    assert content(runs) == kept
-    assert len(kept["specimens"]) == len(kept["campaigns"]) == len(list(runs.glob("r?")))
+    changes: tuple[tuple[Callable[[], object], int], ...] = (
+        (lambda: None, 0),
+        (lambda: (runs / "r2" / "operator.json").write_text('{"operator": "J. Doe"}'), 1),
+        (lambda: (runs / NAME).unlink(), 2),
+        (lambda: (runs / "r1").rename(runs / "r9"), 1),
+        (lambda: (runs / "r9" / "points" / "p001.h5").unlink(), 1),
+        (lambda: shutil.rmtree(runs / "r9"), 0),
+    )
+    for change, read in changes:
+        change()
+        assert filled(runs).read == read
+        kept = content(runs)
+        assert filled(runs, rebuild=True).read == len(list(runs.glob("r?")))
+        assert content(runs) == kept
+        assert len(kept["specimens"]) == len(kept["campaigns"]) == len(list(runs.glob("r?")))
 
 
 def test_a_copied_run_counts_once_and_takes_the_place_of_its_original(runs: Path, made: Make) -> None:
@@ -253,9 +281,11 @@ def test_in_a_folder_that_cannot_be_written_the_results_are_read_into_memory(
     assert (runs / NAME).read_bytes() == before
 
 
-def test_every_view_can_be_read(runs: Path, made: Make) -> None:
+def test_every_view_can_be_read_and_has_the_columns_of_the_page(runs: Path, made: Make) -> None:
     made("r1")
     with open_results(runs) as (database, _), database.transaction() as connection:
+        for name in VIEWS:
+            assert list(connection.execute(text(f"SELECT * FROM {name}")).keys()) == documentation.view_columns(name)
         counts = {name: connection.execute(text(f"SELECT count(*) FROM {name}")).scalar() for name in VIEWS}
     assert counts["results"] == len(rows(runs))
     assert counts["campaign_list"] == 1
@@ -267,10 +297,3 @@ def test_the_reference_page_describes_the_tables_as_they_are() -> None:
     assert page.read_text(encoding="utf-8") == documentation.page()
     comments = [column.comment for table in RESULTS.tables.values() for column in table.columns]
     assert all(comments)
-
-
-def test_the_columns_of_each_view_are_those_of_the_page(runs: Path) -> None:
-    with open_results(runs) as (database, _), database.transaction() as connection:
-        for name in VIEWS:
-            shown = list(connection.execute(text(f"SELECT * FROM {name}")).keys())
-            assert shown == documentation.view_columns(name)
