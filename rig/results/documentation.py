@@ -96,8 +96,8 @@ def _columns(table: Table) -> Iterator[str]:
 def _quantities() -> Iterator[str]:
     yield "## Quantities\n\n"
     yield "Values of `characteristics.quantity`. Quantities of the specimen are not determined from invalid points.\n"
-    yield "A response time that the rig cannot resolve has no row. The rows of an endurance test belong to the point of\n"
-    yield "its last block; `endurance_cycles_to_...` exists only if that stop rule ended the test.\n\n"
+    yield "A response time that the rig cannot resolve has no row. The rows of an endurance test belong to the\n"
+    yield "point of its last block; `endurance_cycles_to_...` exists only if that stop rule ended the test.\n\n"
     yield "| quantity | meaning | unit | subject |\n|---|---|---|---|\n"
     for one in QUANTITIES.values():
         yield f"| `{one.name}` | {one.title} | {one.unit} | {one.subject} |\n"

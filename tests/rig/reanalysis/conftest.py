@@ -64,7 +64,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
                    "points": ["p001", "p002", "p003"], "hashes": {}}
     (folder / "campaign.json").write_text(json.dumps(description))
     (folder / "matrix.toml").write_text("format = 1\n")
-    identify_run([folder], model="kwok")
+    identify_run([folder], model="bingham")
     write_report(folder)
     shutil.rmtree(folder / "cache")
     return folder

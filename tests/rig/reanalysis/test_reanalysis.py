@@ -60,7 +60,7 @@ def test_originals_stay_and_the_result_is_a_complete_run(again: tuple[Path, rean
     run = Run.open(result.result)
     assert [point.id for point in run.points] == ["p001", "p002", "p003"]
     assert {point.provenance["reanalysed_from_software"] for point in run.points} == {"mr-damper-rig 0.9.0"}
-    assert FitRecord.load(result.result).model == "kwok"
+    assert FitRecord.load(result.result).model == "bingham"
     page = (result.result / "report.html").read_text(encoding="utf-8")
     assert f"{campaign.name} (reanalysed: {result.result.name})" in page
     assert not [file for file in result.result.rglob("*") if file.is_file() and b".partial" in file.read_bytes()]
@@ -75,7 +75,7 @@ def test_samples_verdicts_and_values_that_differ_have_their_causes(
     assert aligned, "the points' delays are known from all of them together"
     assert all(0.01 < point.force_percent < 20.0 for point in aligned.values())
     assert result.recorded_by == ("mr-damper-rig 0.9.0",)
-    assert result.models == ("kwok", "kwok")
+    assert result.models == ("bingham", "bingham")
     assert result.characteristics
     assert {cause for one in result.characteristics for cause in one.causes} == {Cause.ALIGNMENT}
     known = [one for one in result.fit if one.std > 0.0]

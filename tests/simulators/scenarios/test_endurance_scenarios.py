@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from matrices import matrix_text
 
 from rig.recording.hdf5.reading import read_cycles
@@ -22,6 +23,7 @@ block = 10
 """
 
 
+@pytest.mark.nightly
 def test_a_killed_block_goes_on_with_the_cycles_that_are_left(tmp_path: Path) -> None:
     matrix = matrix_text("0.5 A", amplitude="10 mm", frequency="4 Hz") + ENDURANCE
     plan = ScenarioPlan(1, matrix, (FaultEvent.parse("application-killed@7.2"),))
