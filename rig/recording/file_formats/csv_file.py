@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,17 +48,21 @@ MTS_HEAD = re.compile(r"MTS793\|[^|\n]*\|[^|\n]*\|\d+\|\d+\|(?P<decimal>[.,])\|"
 """First line of a file of MTS 793: program, language, ..., decimal sign, sign in dates, sign in times, ..."""
 LINES_BEFORE = 50
 """By which the last line of a file is judged."""
+PART = 4_000_000
+"""Characters that pandas parses at a time, so that memory is bounded."""
+QUOTE = '"'
+"""Of pandas: a line does not end within quotes."""
 
 
 class _Text(io.TextIOBase):
-    """A file object for a first line followed by the rest of a text.
+    """A file object for a first line followed by a part of a text.
 
-    The text is read in parts: `io.StringIO` needs four bytes per character, and joining would copy the text.
+    The text is read in pieces: `io.StringIO` needs four bytes per character, and joining would copy the text.
     """
 
-    def __init__(self, text: str, start: int = 0) -> None:
+    def __init__(self, first: str, text: str, start: int, stop: int) -> None:
         super().__init__()
-        self._text, self._position, self.first = text, start, ""
+        self._first, self._text, self._position, self._stop = first, text, start, stop
 
     def readable(self) -> bool:
         """Return True: the file is readable."""
@@ -66,10 +70,10 @@ class _Text(io.TextIOBase):
 
     def read(self, size: int | None = -1, /) -> str:
         """The next characters; empty at the end."""
-        if self.first:
-            first, self.first = self.first, ""
+        if self._first:
+            first, self._first = self._first, ""
             return first
-        end = len(self._text) if size is None or size < 0 else self._position + size
+        end = self._stop if size is None or size < 0 else min(self._stop, self._position + size)
         part, self._position = self._text[self._position : end], end
         return part
 
@@ -154,43 +158,55 @@ class CsvFile:
         while last and self._text[last - 1].isspace():
             last -= 1
         blank = re.compile(rf"\n[ \t{re.escape(self._layout.separator)}]*\n").search(self._text, start, last)
-        table = None if blank else self._table(_Text(self._text, start), places)
+        table = None if blank else self._table(self._text, start, places)
         if table is None:
             self._look_again(places)
-            table = self._table(_Text(self._rows_alone(places)), places)
+            table = self._table(self._rows_alone(places), 0, places)
         if table is None:
             raise FileProblem(str(self._file), list(self._wrong_values(places)) or ["some values are not numbers"])
-        columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
-        columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
+        columns = {place: self._seconds(table[place].tolist(), place) if place in stamps else table[place]
+            for place in places}  # fmt: skip
         if self._lines is None or int(self._lines[-1]) == self._text.count("\n") + 1:
             for place in {*self._cut_off()} & {*places}:
                 columns[place][-1] = np.nan
         return [np.asarray(columns[place], np.float64) for place in places]
 
-    def _table(self, body: _Text, places: Sequence[int]) -> pd.DataFrame | None:
-        """The columns of a text; None where some values are no numbers."""
+    def _table(self, text: str, start: int, places: Sequence[int]) -> dict[int, NDArray[Any]] | None:
+        """The columns of a text from a line's start on, by place; None where some values are no numbers.
+
+        One call for each part, because before 3.1 pandas refuses a column without a cell if the file is longer than
+        what it reads at a time (low_memory: 2**17 rows of five columns), and takes much memory without low_memory.
+        """
+        layout, beyond = self._layout, len(self._layout.names)
+        parts, wide = [], False
+        for body in _parts(layout.separator.join(["nan"] * (beyond + 1)) + "\n", text, start):
+            part = self._part(body, places)
+            if part is None:
+                return None
+            cells = part.pop(beyond)
+            wide = wide or self._too_wide(cells[cells.notna()].tolist())
+            parts.append({place: part[place].to_numpy() for place in places})
+        if (wide or layout.thousands in {",", "."}) and any(self._wrong_values(places)):
+            return None
+        return {place: np.concatenate([part[place] for part in parts]) for place in places}
+
+    def _part(self, body: _Text, places: Sequence[int]) -> pd.DataFrame | None:
+        """The columns of a part, with one for cells after the last column; None where some values are no numbers."""
         import pandas as pd
 
         layout, beyond = self._layout, len(self._layout.names)
-        stamps = [place for place in places if self.is_stamps(place)]
-        separator = r"\s+" if layout.separator == " " else layout.separator
-        body.first = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # would add a column in pandas
-        thousands = layout.thousands if layout.thousands in {",", "."} else ""
+        as_text = [beyond, *(place for place in places if self.is_stamps(place))]
         try:
-            table = pd.read_csv(
-                body, sep=separator, header=None, names=list(range(beyond + 1)),
-                usecols=sorted({*places, beyond}), index_col=False, skipinitialspace=True, skip_blank_lines=False,
-                decimal=layout.decimal, thousands=thousands or None,
+            return pd.read_csv(
+                body, sep=r"\s+" if layout.separator == " " else layout.separator, header=None,
+                names=list(range(beyond + 1)), usecols=sorted({*places, beyond}), index_col=False,
+                skipinitialspace=True, skip_blank_lines=False, low_memory=False, decimal=layout.decimal,
+                thousands=layout.thousands if layout.thousands in {",", "."} else None,
                 na_values=sorted({*NOTHING, *map(str.upper, NOTHING)}),
-                dtype={place: "object" if place in (*stamps, beyond) else np.float64 for place in (*places, beyond)},
-            )  # fmt: skip
+                dtype={place: "object" if place in as_text else np.float64 for place in (*places, beyond)},
+            ).iloc[1:]  # fmt: skip
         except (ValueError, OverflowError):
             return None
-        table = table.iloc[1:]
-        wide = table[beyond]
-        if (self._too_wide(wide[wide.notna()].tolist()) or thousands) and any(self._wrong_values(places)):
-            return None
-        return table
 
     def _look_again(self, places: Sequence[int]) -> None:
         """Look for a thousands sign in the whole file, not in its first rows alone."""
@@ -391,6 +407,22 @@ class CsvFile:
             if reported >= MOST_PROBLEMS:
                 yield "and possibly more"
                 return
+
+
+def _parts(first: str, text: str, start: int) -> Iterator[_Text]:
+    """A text from a line's start on in parts of whole lines, each after a first line that makes pandas see all columns.
+
+    Without it, cells after the last column would be taken for an index or would be errors.
+    """
+    more = True
+    while more:
+        stop, quotes = start, 0
+        while stop < len(text) and (stop == start or quotes % 2):
+            following = text.find("\n", stop + PART if stop == start else stop) + 1 or len(text)
+            quotes += text.count(QUOTE, stop, following)
+            stop = following
+        yield _Text(first, text, start, stop)
+        start, more = stop, stop < len(text)
 
 
 def _trimmed(cells: Sequence[str]) -> tuple[str, ...]:

@@ -416,3 +416,27 @@ def test_more_scales_than_a_channel_can_have_are_refused_at_once(tmp_path: Path)
         writer.write_segment([ChannelObject("run", "x", X_MM, wave), ChannelObject("run", "F", F_N, wave)])
     with pytest.raises(FileProblem, match="NI_Number_Of_Scales = 2000000000, expected at most 256"):
         read(tmp_path / "a.tdms", displacement="x:mm", force="F:N")
+
+
+def test_a_file_of_more_rows_than_pandas_takes_at_a_time_is_read(tmp_path: Path) -> None:
+    """Before 3.1, pandas refuses a part without cells after the last column: 2**15 rows of 20 columns."""
+    file, count = tmp_path / "many.csv", 2**15 + 2
+    row = ",0.5" * 19
+    file.write_text("\n".join([",".join(f"c{k}" for k in range(20)), *(f"{k}{row}" for k in range(count))]))
+    first, last = CsvFile(file, file.read_bytes(), Dialect()).values([0, 19])
+    assert np.array_equal(first, np.arange(count))
+    assert np.array_equal(last, np.full(count, 0.5))
+
+
+@pytest.mark.parametrize("part", [1, 100, 10_000])
+def test_parts_of_a_file_end_with_rows_and_not_within_quotes(
+    part: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.recording.file_formats.csv_file.PART", part)
+    file = tmp_path / "remarks.csv"
+    remarks = {7: '"a pause,\nthen on"', 40: '"warm"'}
+    lines = [f"2026-01-02 10:00:{k / 10:06.3f},{k}.5,{remarks.get(k, '')}" for k in range(50)]
+    file.write_text("\n".join(["time,x,remark", *lines, ""]))
+    time_s, x = CsvFile(file, file.read_bytes(), Dialect()).values([0, 1])
+    assert time_s == pytest.approx(np.arange(50) * 0.1)
+    assert np.array_equal(x, np.arange(50) + 0.5)
