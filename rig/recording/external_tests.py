@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocols.patterns import Pattern, PatternError
 from rig.display import Positive
@@ -57,6 +59,8 @@ USUAL_NO_VALUE = tuple(sign * number for number in (
     float(np.finfo(np.float32).max),
 ) for sign in (-1.0, 1.0))  # fmt: skip
 """Numbers by which programs write that there is no value (SCPI: 9.9e37 is overflow, 9.91e37 no number)."""
+EXACT = 1e22
+"""Largest power of ten that is a floating-point number: pandas before 3.1 rounds larger ones twice."""
 NO_VALUE_JUMP = 3.0
 """Such a number is that many times the largest step of the column away from its neighbours."""
 IN_NAMES = "_(?P<current>[0-9.]+)A"
@@ -575,24 +579,37 @@ def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tup
     """
     missing: dict[float, int] = {}
     for number in USUAL_NO_VALUE if stated is None else stated:
-        here = values == number
+        here = _equal(values, number)
         if here.any() and (stated is not None or _no_value(values, number)):
             missing[float(number)] = int(np.count_nonzero(here))
     if not missing:
         return values, {}
-    return np.where(np.isin(values, list(missing)), np.nan, values), missing
+    return np.where(_is_any(values, missing), np.nan, values), missing
+
+
+def _equal(values: FloatArray, number: float) -> NDArray[np.bool_]:
+    """Which values are a number as written in a file: pandas before 3.1 reads 9.9e37 as 9.900000000000001e37."""
+    if abs(number) < EXACT:
+        return values == number
+    near = [np.nextafter(number, -math.inf), number, np.nextafter(number, math.inf)]
+    return np.isin(values, near)
+
+
+def _is_any(values: FloatArray, numbers: Iterable[float]) -> NDArray[np.bool_]:
+    """Which values are one of the numbers."""
+    return np.logical_or.reduce([_equal(values, number) for number in numbers])
 
 
 def _no_value(values: FloatArray, number: float) -> bool:
     """Whether a usual number for no value is one in a column: beyond all others, by far or in single jumps."""
-    known = np.isfinite(values) & ~np.isin(values, USUAL_NO_VALUE)
+    known = np.isfinite(values) & ~_is_any(values, USUAL_NO_VALUE)
     rest = values[known]
     if len(rest) < 2:
         return bool(number < 0.0)
     beyond = max(float(np.min(rest)) - number, number - float(np.max(rest)))
     if beyond > float(np.ptp(rest)):
         return True
-    places = np.flatnonzero(values == number)
+    places = np.flatnonzero(_equal(values, number))
     jumps = np.abs(number - np.interp(places, np.flatnonzero(known), rest))
     return beyond > 0.0 and float(np.min(jumps)) > NO_VALUE_JUMP * float(np.max(np.abs(np.diff(rest))))
 

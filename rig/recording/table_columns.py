@@ -267,7 +267,7 @@ def _stated_unit(source: Any, known: TableUnits) -> str | None:  # noqa: ANN401 
 
 def _is_stamps(source: Any) -> bool:  # noqa: ANN401 - an index or a series
     """Whether a column's texts are time stamps, by its first one."""
-    first = source[:1].tolist()
+    first = getattr(source, "iloc", source)[:1].tolist()  # pandas 2 takes a slice of a float index for labels
     return bool(first) and isinstance(first[0], str) and is_stamp(first[0].strip())
 
 

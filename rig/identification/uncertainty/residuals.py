@@ -22,6 +22,8 @@ from rig.fits.entries import Residual
 from rig.identification.models.measurement import PIECE, samples_a_cycle
 
 MOST_CYCLES = 50  # recorded cycles by which a residual is shifted at most to find what repeats
+REACH = 0.25  # of a test: beyond it, the autocovariances of a drift are negative and cancel those of near cycles
+FEWEST_REACHED = 5  # recorded cycles, where a quarter of the test is less
 MOST_LAGS = 20
 FEWEST_SAMPLES = 30
 LONGEST_PART = 1 << 16  # samples whose autocovariance is found at once
@@ -57,7 +59,7 @@ def assess_residual(
         return Residual(math.sqrt(power), 0.0, dt_s, math.nan, math.nan, 1.0)
     period = samples_a_cycle(u_m)
     gamma, pairs = _autocovariance_of_parts(residual_N, counting, period)
-    repeating, error = _repeating(gamma, pairs, period, max(1, round(MOST_CYCLES / cycles_each)))
+    repeating, error = _repeating(gamma, pairs, period, _reach(whole / period * cycles_each) / cycles_each)
     half = repeating.size
     noise = gamma[:half] - repeating
     limit = 2.0 / math.sqrt(count)
@@ -79,6 +81,11 @@ def assess_residual(
         runs_p=_runs(thinned),
         widening=max(1.0, float(max(rest, 0.0) + cycles * max(misfit, 0.0)) / power),
     )
+
+
+def _reach(cycles: float) -> float:
+    """Recorded cycles by which the residual of a test of so many is shifted at most."""
+    return min(MOST_CYCLES, max(FEWEST_REACHED, REACH * cycles))
 
 
 def sum_of_squares(values: FloatArray, counting: BoolArray) -> float:
@@ -120,15 +127,15 @@ def autocovariance(values: FloatArray, share: float) -> tuple[FloatArray, FloatA
     return gamma, pairs
 
 
-def _repeating(gamma: FloatArray, pairs: FloatArray, period: float, most: int) -> tuple[FloatArray, float]:
+def _repeating(gamma: FloatArray, pairs: FloatArray, period: float, most: float) -> tuple[FloatArray, float]:
     """Autocovariance (half a cycle of lags) of what repeats within `most` cycles, and the first value's standard error.
 
-    A drift repeats in cycles near each other. Over the whole test its autocovariances add up to nearly nothing, because
+    A drift repeats in neighbouring cycles. Over the whole test its autocovariances add up to nearly zero, because
     the fit has removed its mean: more cycles would hide it.
     """
     half = max(2, min(int(period / 2.0), gamma.size // 2))
     reach = np.arange(-half + 1, half)
-    count = min(most, int((gamma.size - half) / period))
+    count = min(max(1, round(most)), int((gamma.size - half) / period))
     lags = np.rint(period * np.arange(1, count + 1)).astype(np.int64)
     if count < 1:
         return np.zeros(half), math.inf

@@ -79,3 +79,14 @@ def test_autocovariance_is_the_sum_of_products() -> None:
     gamma, pairs = autocovariance(values, 1.0)
     assert pairs[7] == 33
     assert gamma[7] == pytest.approx(np.mean(values[7:] * values[:-7]))
+
+
+@pytest.mark.parametrize("cycles", [20, 40, 70])
+def test_a_force_that_drifts_counts_as_what_repeats_in_neighbouring_cycles(cycles: int) -> None:
+    """Over the whole test, the autocovariances of a drift without its mean add up to nearly zero."""
+    time = np.arange(100 * cycles)
+    drift = 20.0 * np.sin(2.0 * np.pi * time / 100) * np.linspace(-1.0, 1.0, time.size)
+    values = drift + np.random.default_rng(4).normal(0.0, 5.0, time.size)
+    residual = assess_residual(values, np.ones(time.size, bool), 0.05 * np.sin(2.0 * np.pi * (time + 0.4) / 100), 0.004)
+    assert residual.repeating_N == pytest.approx(float(np.sqrt(np.mean(drift**2))), rel=0.25)
+    assert residual.widening > cycles / 2
