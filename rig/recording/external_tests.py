@@ -590,14 +590,14 @@ def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tup
 def _equal(values: FloatArray, number: float) -> NDArray[np.bool_]:
     """Which values are a number as written in a file: pandas before 3.1 reads 9.9e37 as 9.900000000000001e37."""
     if abs(number) < EXACT:
-        return values == number
+        return np.asarray(values == number, np.bool_)
     near = [np.nextafter(number, -math.inf), number, np.nextafter(number, math.inf)]
-    return np.isin(values, near)
+    return np.asarray(np.isin(values, near), np.bool_)
 
 
 def _is_any(values: FloatArray, numbers: Iterable[float]) -> NDArray[np.bool_]:
     """Which values are one of the numbers."""
-    return np.logical_or.reduce([_equal(values, number) for number in numbers])
+    return np.asarray(np.logical_or.reduce([_equal(values, number) for number in numbers]), np.bool_)
 
 
 def _no_value(values: FloatArray, number: float) -> bool:

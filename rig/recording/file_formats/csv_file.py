@@ -183,7 +183,7 @@ class CsvFile:
             part = self._part(body, places)
             if part is None:
                 return None
-            cells = part.pop(beyond)
+            cells = part[beyond]
             wide = wide or self._too_wide(cells[cells.notna()].tolist())
             parts.append({place: part[place].to_numpy() for place in places})
         if (wide or layout.thousands in {",", "."}) and any(self._wrong_values(places)):
