@@ -120,6 +120,7 @@ class Channel(IntEnum):
     SIGNAL_TIME = 65, "s", "Signal: time of each set-point since the start of the signal"
     SIGNAL_TARGET = 66, "m", "Signal: target position of the rod at each set-point, relative to the centre"
     SIGNAL_COMMAND = 67, "m", "Signal: iterated command at each set-point, relative to the centre"
+    SIGNAL_FORCE = 68, "N", "Signal: target force at each set-point"
 
     @property
     def label(self) -> str:

@@ -208,7 +208,10 @@ class TestPoint:
     def motion(self) -> str:
         """What moves, by name: "sine", "road iso8608-c", "hybrid test", "current steps"."""
         name = {HYBRID: "hybrid test", CURRENT_STEP: "current steps"}.get(self.kind, self.waveform)
-        return name if self.record is None or self.record.name in {"", name} else f"{name} {self.record.name}"
+        if self.record is None:
+            return name
+        named = name if self.record.name in {"", name} else f"{name} {self.record.name}"
+        return f"{named} (force)" if self.record.of_force else named
 
     @property
     def described(self) -> str:

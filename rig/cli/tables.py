@@ -155,9 +155,12 @@ def _endurance(plan: Plan) -> Iterator[str]:
 
 
 def _rig_time(plan: Plan) -> str:
+    trials = f", of which trials of signals take up to {duration(plan.trials_s)}" if plan.trials_s else ""
+    most = "up to " if trials else ""
     if plan.duration_s is not None:
-        return f"{duration(plan.duration_s)} of rig time"
-    return f"{duration(plan.recorded_s)} of motion; the time for warm-up and cooling is unknown"
+        return f"{most}{duration(plan.duration_s)} of rig time{trials}"
+    motion_s = plan.recorded_s + plan.trials_s
+    return f"{most}{duration(motion_s)} of motion{trials}; the time for warm-up and cooling is unknown"
 
 
 def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rig.dampers import DamperModel, model, parameter_set
 from rig.dampers.covered import BEYOND, LEAST
 from rig.fits.entries import TestedRange
 from rig.fits.fit_record import FitRecord
+from rig.signals.force_motion import between_ramps, force_error
+from rig.signals.force_target import SpeedOfForce
+from rig.signals.record import STEP_S, Record
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:  # it loads the compiler
@@ -20,6 +25,10 @@ if TYPE_CHECKING:  # it loads the compiler
 ENDING = ".json"
 SPEED_M_S = 0.1
 """Of the damper's rod, at which a law's currents are compared."""
+INVERSE_M_S, INVERSE_ROWS, INVERSE_BEND = 3.0, 1001, 8.0
+"""Highest speed of the inverse, and its rows, which are close to each other at low speeds."""
+LEAST_RISE_N = 1e-6
+"""Between two rows: the inverse of a force that does not rise is not defined."""
 LEAST_RISE = 0.02
 """Of the force at that speed, by which the most current has to raise it."""
 
@@ -58,6 +67,25 @@ class AssumedDamper:
             )
             ways.append((none_N, most_N - none_N))
         return min(ways, key=lambda pair: pair[1])
+
+    def speed_of_force(self, current_A: float) -> SpeedOfForce:
+        """Inverse of the force on the sliding branch at a constant current; friction and hysteresis are not in it."""
+        share = np.linspace(-1.0, 1.0, INVERSE_ROWS)
+        speed_m_s = INVERSE_M_S * np.sinh(INVERSE_BEND * share) / math.sinh(INVERSE_BEND)
+        force_N = np.asarray(self.model.force_at(self.values, speed_m_s, current_A), np.float64)
+        rising_N = np.maximum.accumulate(force_N) + LEAST_RISE_N * np.arange(INVERSE_ROWS)
+        return SpeedOfForce(rising_N, speed_m_s)
+
+    def with_forecast(self, record: Record, current_A: float) -> Record:
+        """The record of a force target with the error that it has with this damper; any other as it is."""
+        target = record.force
+        if target is None:
+            return record
+        motion = record.motion(record.amplitude_m)
+        force_N = np.asarray(self.model.force(self.values, *motion, current_A, STEP_S), np.float64)
+        inside = between_ramps(record, len(force_N))
+        error = force_error(target.force_N[inside], force_N[inside])
+        return replace(record, force=replace(target, forecast_error=error))
 
     @property
     def eta_1_s(self) -> float | None:

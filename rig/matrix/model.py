@@ -31,6 +31,7 @@ from rig.matrix.forecast import forecaster
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.line_table import LineTable
 from rig.matrix.order_by_heat import by_heat
+from rig.matrix.record_file import FORCE
 from rig.matrix.report_table import ReportTable
 from rig.matrix.response_table import ResponseTable
 from rig.matrix.sections import (
@@ -44,10 +45,13 @@ from rig.matrix.sections import (
     Sweep,
     Temperature,
 )  # fmt: skip
+from rig.signals.record import NoRecord, Record
 from rig.signals.waveform import HOLD, SIGNAL_NAMES, TRIANGLE
 from rig.test_point import CURRENT_STEP, FRICTION, HYBRID, LOOP, SIGNAL, TestPoint
 
 POINT_LIMIT = 10_000
+FILE = "file"
+"""The signal whose files may contain forces."""
 LATER = frozenset({"law", "most_current_A", "sky_share", "law_damping_N_s_m"})
 """Entries of a hybrid test that came after campaigns with such tests had been run."""
 
@@ -190,8 +194,55 @@ class Matrix(Section):
                 self._point(waveform, record.amplitude_m, record.mean_rate_Hz, current_A),
                 kind=SIGNAL, record=record, cycles=1, ramp_in_cycles=0.0, ramp_out_cycles=0.0,
             )
-            for current_A, record in product(sweep.current_A, sweep.signals[waveform].records)
+            for current_A, record in self._records(waveform)
         ]
+
+    def _records(self, waveform: str) -> Iterator[tuple[float, Record]]:
+        """Each current with each record of a signal."""
+        table = self.sweep.signals[waveform]
+        if waveform == FILE and self._of_force:
+            yield from ((current_A, record) for (current_A, _), record in self._force_records[0].items())
+            return
+        yield from product(self.sweep.current_A, table.records)
+
+    @property
+    def _of_force(self) -> bool:
+        """Whether the files contain forces."""
+        return self.sweep.file is not None and self.sweep.file.target == FORCE
+
+    @cached_property
+    def _force_records(self) -> tuple[dict[tuple[float, int], Record], tuple[Problem, ...]]:
+        """The records of forces by current and number of the file, and why there is none of some of them."""
+        records: dict[tuple[float, int], Record] = {}
+        problems: list[Problem] = []
+        table, assumed = self.sweep.file, self.specimen.assumed
+        if table is None or assumed is None:
+            return records, ()
+        for current_A in self.sweep.current_A:
+            inverse = assumed.speed_of_force(current_A)
+            for number in range(table.count):
+                try:
+                    record = table.force_record(number, inverse)
+                    records[current_A, number] = assumed.with_forecast(record, current_A)
+                except NoRecord as error:
+                    problems.append((("matrix", "file", "file", number), f"at {current_A:g} A: {error}"))
+        return records, tuple(problems)
+
+    def _forces_given(self) -> Iterator[Problem]:
+        """What forces as targets require, and forces that the expected damper does not give."""
+        if not self._of_force:
+            return
+        if self.specimen.prior is None:
+            yield ("specimen", "prior"), (
+                'is missing; with target = "force" in [matrix.file], the first command is calculated from the expected '
+                'damper. Fix: specify a parameter set, prior = "demo", or a fit in the folder of this file, prior = '
+                '"fit.json"'
+            )
+        if self.sweep.iterate is None:
+            yield ("matrix", "file", "target"), (
+                'target = "force" requires a table [matrix.iterate]: only an iterated command follows a force'
+            )
+        yield from self._force_records[1]
 
     def _special(self) -> list[TestPoint]:
         """The points that are no loops: they follow once, whatever the repeats."""
@@ -241,14 +292,14 @@ class Matrix(Section):
         """See `Section.problems`."""
         miscounted = [*self._tests_named_once(), *self._counted()]
         yield from miscounted
-        yield from (*self._heat_known(), *self._damper_assumed(), *self._current_tells_force())
+        yield from (*self._heat_known(), *self._damper_assumed(), *self._current_tells_force(), *self._forces_given())
         if not miscounted:  # there may be millions of them
             yield from self._unique_ids()
 
     def _counted(self) -> Iterator[Problem]:
         sweep = self.sweep
         axes = {"waveforms": len(sweep.cyclic), "currents": len(sweep.current_A), **sweep.size.axes}
-        signals = len(sweep.current_A) * sum(len(table.records) for table in sweep.signals.values())
+        signals = len(sweep.current_A) * sum(table.count for table in sweep.signals.values())
         count = (math.prod(axes.values()) + signals + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step) + sum(table.count for table in self.response)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)

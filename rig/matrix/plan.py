@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -30,8 +30,12 @@ from rig.matrix.sensor_timing import skew_hints
 from rig.matrix.stopping import stopping_reach
 from rig.matrix.storage import NO_STORAGE, SETTLING_S, Storage, storage_of
 from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks, some
+from rig.signals.iteration_time import trials_s
 from rig.signals.stopping import Reach
 from rig.test_point import SIGNAL, TestPoint
+
+HYSTERESIS = 0.3
+"""Error with the expected damper before the iteration, above which forces did not converge in simulations."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,7 @@ class Plan:
     `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window, None where
     the heat that warms is unknown or does not suffice.
     `storage` is the disk space that the points need.
+    `trials_s` is the longest duration of the trials of iterated signals; 0 without iteration.
     `display` is how people read its numbers.
     """
 
@@ -138,6 +143,7 @@ class Plan:
     warnings: tuple[str, ...] = ()
     display: Display = SI
     storage: Storage = NO_STORAGE
+    trials_s: float = 0.0
 
     @property
     def planned_points(self) -> tuple[PlannedPoint, ...]:
@@ -151,13 +157,13 @@ class Plan:
 
     @property
     def duration_s(self) -> float | None:
-        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest, warming up and cooling.
+        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest, trials, warming up, cooling.
 
-        None where the last two are unknown.
+        Of iterated signals the longest duration. None where the last two are unknown.
         """
         if self.temperature_s is None:
             return None
-        return math.fsum(item.duration_s for item in self.points) + self.temperature_s
+        return math.fsum(item.duration_s for item in self.points) + self.trials_s + self.temperature_s
 
     @property
     def energy_J(self) -> float | None:
@@ -178,6 +184,7 @@ class Plan:
             "duration_s": self.duration_s,
             "energy_J": self.energy_J,
             "temperature_s": self.temperature_s,
+            "trials_s": self.trials_s,
             "warm_up": None if self.warm_up is None else self.warm_up.to_json(),
             "bench": self.bench_name,
             "specimen": self.specimen,
@@ -212,10 +219,11 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
 
     points = tuple(check(point) for point in in_running_order(matrix, bench))
     in_order = [item.point for item in points]
+    hints, longest_trials_s = _iterated(in_order, matrix)
     warnings = (
         *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
         *amplitude_hints(in_order, adapted=matrix.sweep.adapt_amplitude), *gap_warnings(in_order, bench),
-        *lost_answer_hints(bench), *_iteration_hints(in_order, matrix),
+        *lost_answer_hints(bench), *hints,
     )
     if specimen.assumed is not None:
         warnings += specimen.assumed.hints(item.point for item in points)
@@ -229,7 +237,7 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     if matrix.temperature is None:
         return Plan(
             points, bench.name, specimen.serial_number, prediction, warnings=warnings, display=display,
-            storage=storage_of(in_order, bench),
+            storage=storage_of(in_order, bench), trials_s=longest_trials_s,
         )  # fmt: skip
     thermal = thermal_of(in_order, predict, matrix.temperature)
     warm_up = _checked_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
@@ -239,7 +247,7 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
     return Plan(
         points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings, display,
-        storage_of(in_order, bench),
+        storage_of(in_order, bench), longest_trials_s,
     )  # fmt: skip
 
 
@@ -263,21 +271,41 @@ def endurance_json(points: Iterable[TestPoint]) -> list[dict[str, Any]]:
     return list(tests.values())
 
 
-def _iteration_hints(points: Sequence[TestPoint], matrix: Matrix) -> tuple[str, ...]:
-    """How many trials may precede the points whose command is iterated, and how long they take; empty without any."""
+def _iterated(points: Sequence[TestPoint], matrix: Matrix) -> tuple[tuple[str, ...], float]:
+    """What precedes points whose command is iterated, in words, and its longest duration (s); empty and 0 without."""
     signals = [point for point in points if point.kind == SIGNAL]
     if matrix.sweep.iterate is None or not signals:
-        return ()
+        return (), 0.0
     settings = matrix.sweep.iterate.settings
-    motions = {(point.record_samples and point.record_samples.mark, point.current_A): point for point in signals}
-    longest_s = math.fsum(
-        settings.noise_s + (settings.most + 1) * point.motion_s for point in motions.values()
+    targets = [(point.record_samples, point.current_A) for point in signals]
+    longest_s = trials_s(
+        ((record, current_A) for record, current_A in targets if record is not None), settings, between_s=SETTLING_S
     )
-    return (
-        f"{some(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: at each current, "
-        f"noise of {settings.noise_s:g} s and up to {settings.most + 1} trials precede the recorded point (up to "
-        f"{longest_s:.0f} s of motion in total, not included in the rig time)",
+    hint = (
+        f"{some(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: noise of "
+        f"{settings.noise_s:g} s identifies the machine, and up to {settings.most + 1} trials at each current precede "
+        "the recorded point"
     )
+    return (hint, *_force_hints(signals)), longest_s
+
+
+def _force_hints(signals: Sequence[TestPoint]) -> Iterator[str]:
+    """What the expected damper says of forces as targets."""
+    for point in signals:
+        force = None if point.record_samples is None else point.record_samples.force
+        if force is None:
+            continue
+        text = (
+            f"{point.id}: {force.offset_N:.3g} N are subtracted from the force of the file, because the motion for its "
+            "mean would drift; the mean of the measured force is not evaluated. With the expected damper, the RMS "
+            f"error before the iteration is {100.0 * force.forecast_error:.2g} %"
+        )
+        if force.forecast_error > HYSTERESIS:
+            text += (
+                "; hysteresis and friction, which no motion compensates in advance, determine most of this force, and "
+                "the iteration is not expected to converge. Fix: a force with higher speeds, or a lower current"
+            )
+        yield text
 
 
 def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:

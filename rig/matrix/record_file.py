@@ -1,4 +1,4 @@
-"""A CSV file of time and displacement: its content as numbers, or every wrong line.
+"""A CSV file of time and displacement or force: its content as numbers, or every wrong line.
 
 One line of names, separated by commas, semicolons or tabs; the unit is part of the name: `time_s,displacement_mm`.
 Other columns, empty lines and lines that start with # are ignored.
@@ -22,14 +22,19 @@ LARGEST_BYTES = 50_000_000
 FEWEST_ROWS = 4
 MOST_SHOWN = 8
 LARGEST_VALUE = 1e16
-"""Of a time or a displacement as written: microseconds since 1970 are 2e15; beyond it no wholes are told apart."""
+"""Of a value as written: microseconds since 1970 are 2e15; beyond it no wholes are told apart."""
 SEPARATORS = ",;\t"
-COLUMNS = {"time": "time_s", "displacement": "displacement_mm"}
-DIMENSION = {"time": "time", "displacement": "length"}
+TIME, DISPLACEMENT, FORCE = "time", "displacement", "force"
+EXAMPLE = {TIME: "time_s", DISPLACEMENT: "displacement_mm", FORCE: "force_N"}
+DIMENSION = {TIME: "time", DISPLACEMENT: "length", FORCE: "force"}
 
 
-def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
-    """Time (s) and displacement (m) of each row, both (n,), and the SHA-256 (hex) of the file.
+def read_record(path: Path, quantity: str = DISPLACEMENT) -> tuple[FloatArray, FloatArray, str]:
+    """Time (s) and displacement (m) or force (N) of each row, both (n,), and the SHA-256 (hex) of the file.
+
+    Args:
+        path: of the file.
+        quantity: `DISPLACEMENT` or `FORCE`.
 
     Raises:
         FileProblem: no such file, columns without names and units, or rows that are no rising finite numbers: every
@@ -41,11 +46,11 @@ def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
-        raise FileProblem(str(path), ["the file is empty; expected a header line such as time_s,displacement_mm, "
-            "followed by rows of numbers"])
+        raise FileProblem(str(path), ["the file is empty; expected a header line such as "
+            f"{EXAMPLE[TIME]},{EXAMPLE[quantity]}, followed by rows of numbers"])
     separator = max(SEPARATORS, key=lines[0][1].count)
     names = [name.strip().strip('"') for name in lines[0][1].split(separator)]
-    places = {column: _place(path, names, column) for column in COLUMNS}
+    places = {column: _place(path, names, column) for column in (TIME, quantity)}
     rows, problems = _numbers(lines[1:], separator, [place for place, _ in places.values()], len(names))
     problems += _falling(rows)
     if not problems and len(rows) < FEWEST_ROWS:
@@ -74,7 +79,7 @@ def _place(path: Path, names: list[str], column: str) -> tuple[int, float]:
         known = ", ".join(f"{column}_{suffix}" for suffix in suffixes)
         raise FileProblem(
             str(path), [f"line 1: {count_text} for {column} in {', '.join(names)[:80]!r}. Fix: include the unit in the "
-                f"name of the column, such as {COLUMNS[column]} (one of {known})"],
+                f"name of the column, such as {EXAMPLE[column]} (one of {known})"],
         )
     return columns[0]
 

@@ -10,10 +10,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr
+from pydantic import AfterValidator, Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from protocols.descriptions import Problem
 from rig.dampers.arrays import FloatArray
@@ -21,8 +21,10 @@ from rig.errors import FileProblem
 from rig.files.loader import load_section
 from rig.files.quantity import Quantity, located
 from rig.files.section import Section
-from rig.matrix.record_file import LARGEST_BYTES, read_record
+from rig.matrix.record_file import DISPLACEMENT, FORCE, LARGEST_BYTES, read_record
 from rig.signals.drive_iteration import IterationSettings
+from rig.signals.force_motion import force_record
+from rig.signals.force_target import SpeedOfForce
 from rig.signals.record import (
     LONGEST_S,
     STEP_S,
@@ -40,6 +42,8 @@ from rig.vehicle.shipped import found
 
 MOST_ROAD_BYTES = 262_144
 MOST_RECORDS = 50
+LOWEST_Hz = 0.3
+"""Of the motion for a force: the travel for a speed grows with the inverse of the frequency."""
 
 
 
@@ -91,6 +95,11 @@ class SignalTable(Section, ABC):
     def records(self) -> tuple[Record, ...]:
         """One point each, at every current."""
         return self._records
+
+    @property
+    def count(self) -> int:
+        """Number of points at each current."""
+        return len(self.records)
 
     @property
     def hashes(self) -> Mapping[str, str]:
@@ -170,12 +179,20 @@ class RoadTable(SignalTable):
 
 
 class FileTable(SignalTable):
-    """`[matrix.file]`: CSV files of time and displacement about the centre."""
+    """`[matrix.file]`: CSV files of time and displacement about the centre, or of time and force."""
 
     file: Names = Field(
         description="CSV files with columns such as time_s and displacement_mm; 0 is the specimen's mid-stroke "
             "position",
         examples=[["drive.csv"]],
+    )
+    target: Literal["displacement", "force"] = Field(
+        default="displacement", description="with \"force\", the files contain a column such as force_N, and the "
+            "command is iterated until the measured force follows it; requires [matrix.iterate] and specimen.prior"
+    )
+    lowest_Hz: Annotated[float, Quantity("frequency", "0.05 Hz", "5 Hz")] | None = Field(
+        default=None, alias="lowest_frequency", description=f"with target = \"force\": slower changes of the motion "
+            f"are removed; default: {LOWEST_Hz:g} Hz"
     )
     amplitude_m: Amplitude | None = Field(
         default=None, alias="amplitude", description="the signal is scaled so that its largest distance from the "
@@ -186,6 +203,57 @@ class FileTable(SignalTable):
             "default: no filter"
     )
     ramp_s: Ramp = RAMP
+
+    _forces: list[tuple[str, FloatArray]] = PrivateAttr(default_factory=list)
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Later entries that are not used are left out: digests of earlier files stay as they are."""
+        unused = {"target"} if self.target == DISPLACEMENT else set()
+        unused |= {"lowest_Hz"} if self.lowest_Hz is None else set()
+        return {name: value for name, value in handler(self).items() if name not in unused}
+
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`; of forces, the motions depend on the expected damper (`force_record`)."""
+        if self.target == DISPLACEMENT:
+            if self.lowest_Hz is not None:
+                yield ("lowest_frequency",), 'applies only with target = "force"'
+            yield from super().problems()
+            return
+        if self.amplitude_m is not None:
+            yield ("amplitude",), (
+                'applies only to displacements, but target = "force". Fix: remove amplitude, and scale the column of '
+                "the file"
+            )
+        for number, name in enumerate(self.file):
+            try:
+                time_s, force_N, self._hashes[name] = read_record(Path(name), FORCE)
+                self._forces.append((name, through_rows(time_s, force_N)))
+            except NoRecord as error:
+                yield ("file", number), str(error)
+            except FileProblem as error:
+                yield from ((("file", number), problem) for problem in error.problems)
+
+    @property
+    def count(self) -> int:
+        """See `SignalTable.count`."""
+        return len(self._forces) if self.target == FORCE else super().count
+
+    def force_record(self, number: int, inverse: SpeedOfForce) -> Record:
+        """The record of a force.
+
+        Args:
+            number: of the file, from 0.
+            inverse: of the expected damper at the current of the point.
+
+        Raises:
+            NoRecord: the damper does not give this force, or the motion is too short.
+        """
+        name, force_N = self._forces[number]
+        return force_record(
+            Path(name).stem, force_N, inverse, self.ramp_s, lowest_Hz=self.lowest_Hz or LOWEST_Hz,
+            highest_Hz=self.highest_Hz, sha256=self._hashes[name],
+        )
 
     def _makers(self) -> list[Maker]:
         return [(("file", number), partial(self._record, name)) for number, name in enumerate(self.file)]

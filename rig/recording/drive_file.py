@@ -60,6 +60,7 @@ def write_drive(folder: Path, name: str, owner: DriveOwner, point: TestPoint, dr
             "format": FORMAT, "point": name, "record": target.name, "specimen": owner.specimen, "bench": owner.bench,
             "current_A": drive.current_A, "target_mark": drive.mark, "target_amplitude_m": drive.amplitude_m,
             "step_s": STEP_S, "outcome": drive.outcome, "reason": drive.cannot, "start": drive.start,
+            "follows": "force" if drive.of_force else "displacement",
             "delay_s": drive.response.delay_s, "least_coherence": drive.response.least_coherence,
         })
         _put(file, "target", target.amplitude_m * target.shape, "m")
@@ -70,6 +71,10 @@ def write_drive(folder: Path, name: str, owner: DriveOwner, point: TestPoint, dr
             ("measured", [trial.measured for trial in drive.trials]),
         ):
             _put(file, what, np.array(values, np.float32).reshape(len(drive.trials), len(target.shape)), "m")
+        if target.force is not None:
+            forces = [trial.force_N for trial in drive.trials if trial.force_N is not None]
+            _put(file, "target_force", target.force.force_N, "N")
+            _put(file, "force", np.array(forces, np.float32).reshape(len(forces), len(target.shape)), "N")
         response = file.create_group("response")
         _put(response, "frequency", drive.response.frequency_Hz, "Hz")
         _put(response, "gain", np.abs(drive.response.response), "1")
@@ -134,7 +139,11 @@ def _read(path: Path, owner: DriveOwner, points: tuple[TestPoint, ...], gain: fl
     if target is None or len(command) != len(target.shape) or not np.all(np.isfinite(command)):
         return []
     kept = with_samples(target, command)
-    return [SignalDrive(target.mark, target.amplitude_m, current_A, gain, kept, known, start=KEPT)]
+    return [
+        SignalDrive(
+            target.mark, target.amplitude_m, current_A, gain, kept, known, start=KEPT, of_force=target.of_force
+        )
+    ]
 
 
 def _check(known: FrequencyResponse) -> None:

@@ -29,7 +29,7 @@ COMMANDED = {
 """Field of `Commanded` -> attribute."""
 RECORD = {
     "name": "record", "sha256": "record_sha256", "duration_s": "record_s", "ramp_s": "record_ramp_s",
-    "highest_Hz": "record_highest_Hz",
+    "highest_Hz": "record_highest_Hz", "of_force": "record_of_force",
 }  # fmt: skip
 """Field of `RecordFacts` -> attribute."""
 ENDURANCE = {name: f"endurance_{name}" for name in EnduranceStep._fields}
@@ -94,6 +94,7 @@ def attributes_of(point: TestPoint, commanded: Commanded) -> dict[str, str | int
     }
     if record is not None:
         values[RECORD["sha256"]] = record.sha256 or None
+        values[RECORD["of_force"]] = int(record.of_force) or None
     if point.endurance is not None:
         values |= {attribute: getattr(point.endurance, name) for name, attribute in ENDURANCE.items()}
     return {name: value for name, value in values.items() if value is not None}
@@ -116,6 +117,7 @@ def point_fields(attributes: Mapping[str, Any]) -> dict[str, Any]:
         fields["record"] = RecordFacts(
             stated.get(RECORD["name"], ""), stated[RECORD["duration_s"]], stated[RECORD["ramp_s"]],
             stated.get(RECORD["highest_Hz"], 0.0), stated.get(RECORD["sha256"], ""),
+            bool(stated.get(RECORD["of_force"], 0)),
         )
     if all(attribute in stated for attribute in ENDURANCE.values()):
         numbers = {name: int(stated[attribute]) for name, attribute in ENDURANCE.items() if name != "test"}

@@ -14,6 +14,7 @@ from rig.document.numbers import NOTHING, number
 from rig.document.style import MEASURED, OVERLAID, RESIDUAL
 from rig.document.words import Key, Strong, Words, verdict
 from rig.recording.recorded_point import RecordedPoint
+from rig.report.signals import followed_force
 from rig.report.views import PointView
 from rig.signals.arrays import FloatArray
 
@@ -23,6 +24,11 @@ NOTE = (
     "itself as its command, or a stored one. Trials are not recorded as points; their commands are in drives/ of the "
     "campaign's folder. Errors: RMS deviation of the rod from the target after removal of the delay, relative to the "
     "RMS of the target about its mean."
+)
+FORCE_NOTE = (
+    "A force target is compared with the measured force after removal of the means. Its response is that of the motion "
+    "with which the expected damper would give the measured force; the first command is the motion with which the "
+    "expected damper would give the target."
 )
 HEAD = (
     Column("Point"), Column("Signal"), Column("Errors of the trials", "%"), Column("Recorded", "%", True),
@@ -44,7 +50,8 @@ def iteration_section(views: Sequence[PointView]) -> Blocks:
     shown = [(view, iteration) for view in views if (iteration := view.point.commanded.iterated) is not None]
     if not shown:
         return []
-    parts: Blocks = [*section("Drive iteration", NOTE), table(HEAD, [_row(view, of) for view, of in shown])]
+    note = f"{NOTE} {FORCE_NOTE}" if any(_of_force(view.point) for view, _ in shown) else NOTE
+    parts: Blocks = [*section("Drive iteration", note), table(HEAD, [_row(view, of) for view, of in shown])]
     keys = (Key("measured", MEASURED), Key("target", OVERLAID), Key("command", RESIDUAL))
     cards = tuple(Card((Strong(view.point.id), f" {view.point.motion}"), (Figures(_figures(view, of), across=2),))
                   for view, of in shown)
@@ -99,9 +106,16 @@ def _response_figures(point: RecordedPoint, of: Mapping[str, Any], frequency_Hz:
         Trace(frequency_Hz, _array(of, "coherence"), name="coherence"),
     ]
     return [
-        Figure(axis, Axis("Gain"), [gain], *SIZE, title=f"{point.id}: gain from command to rod"),
+        Figure(
+            axis, Axis("Gain"), [gain], *SIZE,
+            title=f"{point.id}: gain from command to {'equivalent motion' if _of_force(point) else 'rod'}",
+        ),
         Figure(axis, Axis("Coherence", limits=(0.0, 1.05)), coherence, *SIZE, title=f"{point.id}: coherence"),
     ]
+
+
+def _of_force(point: RecordedPoint) -> bool:
+    return point.record is not None and point.record.of_force
 
 
 def _array(of: Mapping[str, Any], name: str) -> FloatArray:
@@ -109,7 +123,9 @@ def _array(of: Mapping[str, Any], name: str) -> FloatArray:
 
 
 def _command_figure(point: RecordedPoint, display: Display) -> Figure | None:
-    """Command, target and rod over a short time; None where they were not recorded."""
+    """Command, target and rod, or target and force, over a short time; None where they were not recorded."""
+    if _of_force(point):
+        return _force_figure(point, display)
     quality = point.quality.signal
     sent, target, command = (point.raw(name) for name in ("signal_time", "signal_target", "signal_command"))
     if quality is None or quality.start_s is None or sent is None or target is None or command is None:
@@ -129,3 +145,19 @@ def _command_figure(point: RecordedPoint, display: Display) -> Figure | None:
     traces = [Trace(elapsed_s[near], shown.signed(values), name=name, colour=colour) for name, values, colour in lines]
     title = f"{point.id}: command, target and rod"
     return Figure(Axis("Time", "s"), Axis(shown.title("Rod"), shown.unit), traces, *SIZE, title=title)
+
+
+def _force_figure(point: RecordedPoint, display: Display) -> Figure | None:
+    """Target and measured force over a short time, without delay and means; None where they were not recorded."""
+    followed = followed_force(point)
+    if followed is None:
+        return None
+    elapsed_s, target_N, force_N = followed
+    near, shown = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S, display.force
+    lines = (("target", target_N, OVERLAID), ("force", force_N, MEASURED))
+    traces = [
+        Trace(elapsed_s[near], shown.signed(values[near]), name=name, colour=colour) for name, values, colour in lines
+    ]
+    return Figure(
+        Axis("Time", "s"), Axis(shown.title("Force"), shown.unit), traces, *SIZE, title=f"{point.id}: target and force"
+    )

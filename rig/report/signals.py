@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.display import Display
+from rig.display import Display, Shown
 from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Keys, section, table
 from rig.document.figure import Axis, Figure, Trace, thinned
 from rig.document.numbers import NOTHING, number
@@ -15,6 +15,7 @@ from rig.document.words import Key, Strong, Words, verdict
 from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.views import PointView
+from rig.signals.arrays import FloatArray
 from rig.test_point import SIGNAL
 
 
@@ -32,6 +33,9 @@ NOTE = (
     "Tracking error: RMS deviation of the rod from its target after removal of the delay, relative to the RMS of the "
     "target about its mean. The fitted model is simulated freely from the beginning of the motion."
 )
+FORCE_NOTE = (
+    "Of a force target, tracking error, delay and span are those of the force, without the difference of the means."
+)
 SHOWN_S = 2.0
 """Of rod and target, about the middle: a longer time is not legible."""
 MOST_DRAWN = 1500
@@ -42,10 +46,13 @@ def signals_section(views: Sequence[PointView]) -> Blocks:
     shown = [view for view in views if view.point.kind == SIGNAL]
     if not shown:
         return []
-    parts: Blocks = [*section("Signals", NOTE), table(_head(shown[0].display), [_row(view) for view in shown])]
+    forces = any(view.point.record is not None and view.point.record.of_force for view in shown)
+    note = f"{NOTE} {FORCE_NOTE}" if forces else NOTE
+    parts: Blocks = [*section("Signals", note), table(_head(shown[0].display), [_row(view) for view in shown])]
     drawn = tuple(made for view in shown if (made := _plots(view.point, view.display)) is not None)
     if drawn:
-        keys = (Key("rod", MEASURED), Key("target", OVERLAID), Key("rod minus target", RESIDUAL))
+        measured = "rod or force" if forces else "rod"
+        keys = (Key(measured, MEASURED), Key("target", OVERLAID), Key(f"{measured} minus target", RESIDUAL))
         parts += [Keys(keys), Cards(drawn)]
     return parts
 
@@ -74,6 +81,9 @@ def _times(value: float | None, factor: float) -> float | None:
 
 def _plots(point: RecordedPoint, display: Display) -> Card | None:
     """Rod and target over a short time, and their distance over all of it; None where they were not recorded."""
+    if point.record is not None and point.record.of_force:
+        followed = followed_force(point)
+        return None if followed is None else _card(point, *followed, display.force, "force")
     quality, sent, target = point.quality.signal, point.raw("signal_time"), point.raw("signal_target")
     if quality is None or quality.start_s is None or sent is None or target is None:
         return None
@@ -85,15 +95,40 @@ def _plots(point: RecordedPoint, display: Display) -> Card | None:
     rod_m = np.interp(
         quality.start_s + delay_s + elapsed_s, point.time_s[known], point.displacement_m[known] - centre_m
     )
+    return _card(point, elapsed_s, target_m, rod_m, display.displacement, "rod")
+
+
+def followed_force(point: RecordedPoint) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Time since the begin (s), target and measured force (N) of a force target, each (k,), delay and means removed.
+
+    None where they were not recorded.
+    """
+    quality, sent, target = point.quality.signal, point.raw("signal_time"), point.raw("signal_force")
+    if quality is None or quality.start_s is None or sent is None or target is None:
+        return None
+    elapsed_s, target_N = np.asarray(sent["value"], np.float64), np.asarray(target["value"], np.float64)
+    known = np.isfinite(point.force_N)
+    if len(elapsed_s) != len(target_N) or np.count_nonzero(known) < 2:
+        return None
+    at_s = quality.start_s + (quality.delay_s or 0.0) + elapsed_s
+    return elapsed_s, target_N, np.interp(at_s, point.time_s[known], point.force_N[known]) - (quality.mean_N or 0.0)
+
+
+def _card(
+    point: RecordedPoint, elapsed_s: FloatArray, target: FloatArray, measured: FloatArray, shown: Shown, name: str
+) -> Card:
+    """A measured signal and its target over a short time, and their distance over all of it."""
     near = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S
     rows = thinned(len(elapsed_s), MOST_DRAWN)
-    time, shown = Axis("Time", "s"), display.displacement
+    time = Axis("Time", "s")
     follow = Figure(
-        time, Axis(shown.title("Rod"), shown.unit),
-        [Trace(elapsed_s[near], shown.signed(target_m[near]), name="target", colour=OVERLAID),
-         Trace(elapsed_s[near], shown.signed(rod_m[near]), name="rod", colour=MEASURED)],
-        480, 220, title=f"{point.id}: rod and target",
+        time, Axis(shown.title(name.capitalize()), shown.unit),
+        [Trace(elapsed_s[near], shown.signed(target[near]), name="target", colour=OVERLAID),
+         Trace(elapsed_s[near], shown.signed(measured[near]), name=name, colour=MEASURED)],
+        480, 220, title=f"{point.id}: {name} and target",
     )
-    left = Trace(elapsed_s[rows], shown.signed((rod_m - target_m)[rows]), name="rod minus target", colour=RESIDUAL)
-    apart = Figure(time, Axis("Deviation", shown.unit), [left], 480, 160, title=f"{point.id}: rod minus target")
+    left = Trace(
+        elapsed_s[rows], shown.signed((measured - target)[rows]), name=f"{name} minus target", colour=RESIDUAL
+    )
+    apart = Figure(time, Axis("Deviation", shown.unit), [left], 480, 160, title=f"{point.id}: {name} minus target")
     return Card((Strong(point.id), f" {point.motion}"), (Figures((follow, apart)),))

@@ -22,6 +22,7 @@ import numpy as np
 
 from rig.signals.arrays import BoolArray, ComplexArray, FloatArray
 from rig.signals.following import following
+from rig.signals.force_motion import force_error
 from rig.signals.record import STEP_S, Record, record_of
 
 SEGMENTS = 8
@@ -143,11 +144,13 @@ class Trial(NamedTuple):
 
     Attributes:
         number: 0 with the target itself as the command, then 1 for each correction.
-        error: RMS error after removal of the delay, relative to the RMS of the target about its mean.
+        error: RMS error after removal of the delay, relative to the RMS of the target about its mean; of a force
+            target that of the force, without the difference of the means.
         delay_s: of the measured signal behind its target (s).
         outside: share of the error's power at frequencies that are not corrected.
         command: the command.
-        measured: (n,) as the target, delay removed.
+        measured: (n,) as the target, delay removed; of a force target the motion equivalent to the measured force.
+        force_N: (n,) measured force, delay removed; None of a displacement target.
     """
 
     number: int
@@ -156,6 +159,7 @@ class Trial(NamedTuple):
     outside: float
     command: Record
     measured: FloatArray
+    force_N: FloatArray | None = None
 
     @property
     def led(self) -> bool:
@@ -191,6 +195,7 @@ class SignalDrive:
         outcome: how the iteration ended; empty while it goes on.
         cannot: why the target is not followed, in words; empty where it is, or may be.
         start: `TARGET` or `KEPT`.
+        of_force: the target is a force.
     """
 
     mark: str
@@ -206,6 +211,7 @@ class SignalDrive:
     outcome: str = ""
     cannot: str = ""
     start: str = TARGET
+    of_force: bool = False
 
     @property
     def settled(self) -> bool:
@@ -227,6 +233,7 @@ class SignalDrive:
         response, best = self.response, self.best
         numbers: dict[str, Any] = {
             "outcome": self.outcome, "reason": self.cannot, "start": self.start,
+            "follows": "force" if self.of_force else "displacement",
             "errors": [rounded(error) for error in self.errors], "best": None if best is None else best.number,
             "delays_s": [rounded(trial.delay_s) for trial in self.trials], "band_Hz": None, "delay_s": None,
             "frequency_Hz": [], "gain": [], "phase_rad": [], "coherence": [],
@@ -274,13 +281,16 @@ def drive_for(target: Record, current_A: float, known: SignalDrives, settings: I
     for drive in known:
         if drive.is_for(target, current_A):
             return drive
-    new = SignalDrive(target.mark, target.amplitude_m, current_A, settings.gain)
+    new = SignalDrive(target.mark, target.amplitude_m, current_A, settings.gain, of_force=target.of_force)
     same = [drive for drive in known if drive.moves_as(target) and drive.best is not None and not drive.cannot]
     nearest = min(same, key=lambda drive: abs(drive.current_A - current_A), default=None)
     if nearest is not None and nearest.best is not None:
         return replace(new, command=nearest.best.command, response=nearest.response, start=KEPT)
     highest_Hz = band_of(target, settings)[1]
-    responses = [drive for drive in known if drive.response is not None and drive.response.covers(highest_Hz)]
+    responses = [
+        drive for drive in known
+        if drive.response is not None and drive.of_force == target.of_force and drive.response.covers(highest_Hz)
+    ]
     if responses:
         response = min(responses, key=lambda drive: abs(drive.current_A - current_A)).response
         return replace(new, command=target, response=response)
@@ -300,9 +310,10 @@ def allowed_start(drive: SignalDrive, target: Record, limits: CommandLimits) -> 
     target itself, which the plan has checked. The drive is given up where no noise is allowed.
     """
     noise, command = drive.noise, drive.command
-    if command is not None and (
-        limits.against(command, target) or limits.against(command, _response_to(drive, target, command))
-    ):
+    motions: tuple[Record, ...] = ()
+    if command is not None:  # what the rod does is not known from a force: the command's own motion bounds it
+        motions = (command,) if target.of_force else (target, _response_to(drive, target, command))
+    if command is not None and any(limits.against(command, motion) for motion in motions):
         return replace(drive, command=target, start=TARGET)
     if noise is None or not limits.against(noise, noise):
         return drive
@@ -330,17 +341,19 @@ def _response_to(drive: SignalDrive, target: Record, command: Record) -> Record:
 
 def advanced(
     drive: SignalDrive, target: Record, measured: FloatArray, settings: IterationSettings, limits: CommandLimits, *,
-    saturated: bool = False,
+    saturated: bool = False, force_N: FloatArray | None = None,
 ) -> SignalDrive:
     """The drive after one more run, of the noise or of a command: converged, corrected, or given up with the reason.
 
     Args:
         drive: what was run: its noise while it has one, else its command.
         target: what is to be followed.
-        measured: (n,) every `STEP_S` from the begin of the run, about its centre.
+        measured: (n,) every `STEP_S` from the begin of the run, about its centre; of a force target the motion
+            equivalent to the measured force (`rig.signals.force_motion`).
         settings: of the iteration.
         limits: of machine and specimen.
         saturated: the controller reported during the run that its valve was fully open.
+        force_N: (n,) measured force, of a force target.
 
     Raises:
         NoRecord: nothing is left to command.
@@ -352,7 +365,7 @@ def advanced(
     response = drive.response
     if response is None or drive.command is None:
         raise ValueError("a drive has noise, or a command and a response")
-    trial = tried(len(drive.trials), target, drive.command, measured, response)
+    trial = tried(len(drive.trials), target, drive.command, measured, response, force_N)
     before = drive.best
     drive = replace(drive, trials=(*drive.trials, trial), limited=_saturation(target, trial) if saturated else "")
     best = drive.best or trial
@@ -380,7 +393,9 @@ def _corrected(
     why = ""
     for share in SMALLER_STEPS:
         gain = share * drive.gain
-        command, expected = _commanded(drive, target, best, gain), _expected(drive, target, best, gain)
+        command = _commanded(drive, target, best, gain)
+        # What the rod does is not known from a force: the command's own motion bounds it.
+        expected = command if target.of_force else _expected(drive, target, best, gain)
         refused = limits.against(command, expected)
         if not refused:
             return replace(drive, command=command, limited=why or drive.limited, setbacks=drive.setbacks + bool(why))
@@ -390,6 +405,8 @@ def _corrected(
 
 def _saturation(target: Record, trial: Trial) -> str:
     """What a saturated valve means for the target: the speed that the rod reached is what the valve allows."""
+    if target.of_force:
+        return "the valve is saturated: this force requires more flow than the valve can pass"
     apart = round(SPEED_OVER_S / STEP_S)
     reached_m_s = float(np.max(np.abs(trial.measured[apart:] - trial.measured[:-apart]))) / SPEED_OVER_S
     scale = reached_m_s / max(target.amplitude_m * target.peak_velocity, 1e-12)
@@ -521,7 +538,10 @@ def identified(
     )
 
 
-def tried(number: int, target: Record, command: Record, measured: FloatArray, response: FrequencyResponse) -> Trial:
+def tried(
+    number: int, target: Record, command: Record, measured: FloatArray, response: FrequencyResponse,
+    force_N: FloatArray | None = None,
+) -> Trial:
     """A run of a command as it was measured.
 
     Args:
@@ -530,6 +550,7 @@ def tried(number: int, target: Record, command: Record, measured: FloatArray, re
         command: what was commanded.
         measured: (n,) as the target, about its centre.
         response: which frequencies are corrected.
+        force_N: (n,) measured force, of a force target.
     """
     wanted = target.amplitude_m * target.shape
     time_s = STEP_S * np.arange(len(wanted), dtype=np.float64)
@@ -539,7 +560,12 @@ def tried(number: int, target: Record, command: Record, measured: FloatArray, re
     spectrum, frequency_Hz = _spectrum(np.where(inside, wanted - undelayed, 0.0))
     power = np.abs(spectrum) ** 2
     outside = float(np.sum(power[response.inverse(frequency_Hz) == 0.0]) / max(float(np.sum(power)), 1e-300))
-    return Trial(number, seen.nrms, seen.delay_s, outside, command, undelayed)
+    if target.force is None or force_N is None:
+        return Trial(number, seen.nrms, seen.delay_s, outside, command, undelayed)
+    mean_N = float(np.mean(force_N))
+    run_N = mean_N + shifted(force_N - mean_N, seen.delay_s)
+    error = force_error(target.force.force_N[inside], run_N[inside])
+    return Trial(number, error, seen.delay_s, outside, command, undelayed, run_N)
 
 
 def next_command(target: Record, trial: Trial, response: FrequencyResponse, gain: float) -> Record:

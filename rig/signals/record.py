@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from rig.signals.arrays import FloatArray
+from rig.signals.force_target import ForceTarget
 from rig.signals.free_motion import mean_rate_Hz
 
 STEP_S = 1e-3
@@ -47,6 +48,7 @@ class RecordFacts:
         ramp_s: over which each end is faded (s).
         highest_Hz: highest frequency of the motion, which set-points and sensors must carry.
         sha256: of the file it was read from; empty where there is none.
+        of_force: a force is to be followed; the motion is the one with which the expected damper gives it.
     """
 
     name: str
@@ -54,6 +56,7 @@ class RecordFacts:
     ramp_s: float
     highest_Hz: float
     sha256: str = ""
+    of_force: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,11 +67,13 @@ class Record(RecordFacts):
         amplitude_m: largest distance from the centre as it was requested (m).
         mark: SHA-256 (hex) of the samples.
         shape: (n,) every `STEP_S`, the first and the last 0.
+        force: the force to follow; None: the motion itself is followed.
     """
 
     amplitude_m: float = field(kw_only=True)
     mark: str = field(kw_only=True)
     shape: FloatArray = field(kw_only=True, repr=False, compare=False)
+    force: ForceTarget | None = field(default=None, kw_only=True)
 
     @cached_property
     def mean_rate_Hz(self) -> float:
@@ -168,7 +173,7 @@ def record_of(
     Raises:
         NoRecord: too short, or no motion is left.
     """
-    passed = position_m if highest_Hz is None else _low_passed(position_m, highest_Hz, STEP_S)
+    passed = position_m if highest_Hz is None else low_passed(position_m, highest_Hz)
     return _faded(name, passed, ramp_s, amplitude_m=amplitude_m, highest_Hz=highest_Hz, sha256=sha256)
 
 
@@ -201,7 +206,7 @@ def through_rows(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     fine_s = STEP_S / max(1, math.ceil(STEP_S / usual_s - 1e-6))
     fine_m = np.asarray(spline(time_s[0] + _times(float(time_s[-1] - time_s[0]), fine_s)), np.float64)
     every = round(STEP_S / fine_s)
-    return fine_m if every == 1 else _low_passed(fine_m, FINEST_Hz, fine_s)[::every]
+    return fine_m if every == 1 else low_passed(fine_m, FINEST_Hz, fine_s)[::every]
 
 
 def _times(duration_s: float, step_s: float = STEP_S) -> FloatArray:
@@ -244,7 +249,8 @@ def _faded(
     )
 
 
-def _low_passed(values: FloatArray, highest_Hz: float, step_s: float) -> FloatArray:
+def low_passed(values: FloatArray, highest_Hz: float, step_s: float = STEP_S) -> FloatArray:
+    """Samples (n,) without what is faster than a frequency (Hz), without phase."""
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(FILTER_ORDER, highest_Hz, fs=1.0 / step_s, output="sos")

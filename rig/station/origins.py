@@ -14,7 +14,7 @@ OWN: Origins = {
     Channel.HYBRID_SEEN: ChannelOrigin("station", "value = the newest displacement sample minus the centre"),
     **dict.fromkeys((
         Channel.HYBRID_TIME, Channel.HYBRID_TARGET, Channel.HYBRID_BODY, Channel.HYBRID_WHEEL, Channel.SIGNAL_TIME,
-        Channel.SIGNAL_TARGET, Channel.SIGNAL_COMMAND,
+        Channel.SIGNAL_TARGET, Channel.SIGNAL_COMMAND, Channel.SIGNAL_FORCE,
     ), COMPUTED),
 }
 

@@ -2,7 +2,8 @@
 
 The samples come with the start request and are checked here again, against the machine's limits, before any is sent.
 Between two of them the set-point follows the cubic through their positions and speeds. Where the motion is the iterated
-command for a target, the target comes with it: it is recorded beside each set-point and moves nothing.
+command for a target, the target comes with it: it is recorded beside each set-point and moves nothing. So does a target
+force.
 """
 
 from __future__ import annotations
@@ -37,16 +38,18 @@ ROUNDING = 1e-3
 
 @dataclass(frozen=True)
 class SignalOrder:
-    """A motion as the application sends it: `step_s`, `centre_m`, `samples`, and `target` of an iterated command.
+    """A motion as the application sends it: `step_s`, `centre_m`, `samples`, of an iterated command `target`.
 
-    The samples are little-endian float32, all positions, then all speeds, in base64: a text, as long as it may be, is
-    read at once, while 200,000 numbers keep every thread of the station waiting for a tenth of a second.
+    A target force is `force`: float32 in base64, one for each position. The samples are little-endian float32, all
+    positions, then all speeds, in base64: a text, as long as it may be, is read at once, while 200,000 numbers keep
+    every thread of the station waiting for a tenth of a second.
 
     Attributes:
         step_s: between two samples, s.
         position_m, velocity_m_s: (n,) about the centre; at rest at the centre at both ends.
         centre_m: in the rig's coordinate.
         target: what the rod is to follow, in samples of the same number; None: the motion itself.
+        force_N: (n,) what the force is to follow; empty: the displacement is to follow its target.
     """
 
     step_s: float
@@ -54,6 +57,7 @@ class SignalOrder:
     velocity_m_s: Sequence[float]
     centre_m: float
     target: SignalOrder | None = None
+    force_N: Sequence[float] = ()
 
     @property
     def duration_s(self) -> float:
@@ -76,7 +80,17 @@ class SignalOrder:
             target = cls(step_s, *_samples(given["target"], step_s, centre_m), centre_m)
             if len(target.position_m) != len(position_m):
                 raise ValueError(f"{len(target.position_m)} samples of the target for {len(position_m)} of the motion")
-        return cls(step_s, position_m, velocity_m_s, centre_m, target)
+        force_N: Sequence[float] = _numbers(given["force"], "force") if "force" in given else ()
+        if len(force_N) not in {0, len(position_m)}:
+            raise ValueError(f"{len(force_N)} samples of the force for {len(position_m)} of the motion")
+        return cls(step_s, position_m, velocity_m_s, centre_m, target, force_N)
+
+    def force_at(self, elapsed_s: float) -> float:
+        """Target force (N) so much after its begin (s, within its duration), linear between two samples."""
+        place = max(0.0, elapsed_s) / self.step_s
+        first = min(int(place), len(self.force_N) - 2)
+        share = min(1.0, place - first)
+        return (1.0 - share) * self.force_N[first] + share * self.force_N[first + 1]
 
     def at(self, elapsed_s: float) -> Setpoint:
         """Position (m) and speed (m/s) in the rig's coordinate, so much after its begin (s, within its duration)."""
@@ -99,20 +113,35 @@ def _samples(given: str, step_s: float, centre_m: float) -> tuple[Sequence[float
         TypeError: they are no text.
         ValueError: they are no motion.
     """
+    numbers = _numbers(given, "samples")
+    count, rest = divmod(len(numbers), 2)
+    if rest or not (2 <= count <= MOST_SAMPLES and 0.0 < step_s <= LARGEST_STEP_S):
+        raise ValueError(f"{len(numbers)} samples at intervals of {step_s:g} s are not valid")
+    if not math.isfinite(centre_m):
+        raise ValueError("the centre is not finite")
+    return numbers[:count], numbers[count:]
+
+
+def _numbers(given: str, what: str) -> array[float]:
+    """Little-endian float32 in base64.
+
+    Raises:
+        TypeError: they are no text.
+        ValueError: they are no finite numbers.
+    """
     try:
         content = base64.b64decode(given, validate=True)
     except binascii.Error as error:
-        raise ValueError(f"samples: {error}") from error
+        raise ValueError(f"{what}: {error}") from error
     numbers = array("f")
-    count, rest = divmod(len(content), 2 * numbers.itemsize)
-    if rest or not (2 <= count <= MOST_SAMPLES and 0.0 < step_s <= LARGEST_STEP_S):
-        raise ValueError(f"{len(content)} bytes of samples at intervals of {step_s:g} s are not valid")
+    if len(content) % numbers.itemsize or len(content) > 2 * MOST_SAMPLES * numbers.itemsize:
+        raise ValueError(f"{what}: {len(content)} bytes are not valid")
     numbers.frombytes(content)
     if sys.byteorder == "big":
         numbers.byteswap()
-    if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
-        raise ValueError("the samples or the centre contain values that are not finite")
-    return numbers[:count], numbers[count:]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{what}: the values are not all finite")
+    return numbers
 
 
 class SignalSource:
@@ -144,6 +173,8 @@ class SignalSource:
             target_m = order.target.at(min(elapsed_s, order.duration_s)).position_m - order.centre_m
         values = [(Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, target_m)]
         values += [] if order.target is None else [(Channel.SIGNAL_COMMAND, commanded_m)]
+        if order.force_N:
+            values.append((Channel.SIGNAL_FORCE, order.force_at(min(elapsed_s, order.duration_s))))
         self._append([(now_ns, NO_DEVICE_TIME, value, self._count, channel, 0) for channel, value in values])
         return setpoint
 

@@ -31,6 +31,7 @@ from rig.clock import monotonic_ns
 from rig.matrix.feasibility import command_room
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.recorder import PointRecorder
+from rig.signals.arrays import FloatArray
 from rig.signals.record import STEP_S, Record
 from rig.station.client import StationClient, StationLost, StationRefused
 from rig.test_point import HYBRID, SIGNAL, TestPoint
@@ -340,14 +341,24 @@ def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
         "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m, "samples": _samples(record, point.amplitude_m),
     }
     target = point.target
-    return order if target is None else order | {"target": _samples(target, target.amplitude_m)}
+    if target is not None:
+        order["target"] = _samples(target, target.amplitude_m)
+    if record.force is not None:
+        force_N = record.force.force_N
+        last = [] if (len(force_N) - 1) % SENT_EVERY == 0 else [force_N[-1:]]
+        order["force"] = _packed(force_N[::SENT_EVERY], *last)
+    return order
 
 
 def _samples(record: Record, amplitude_m: float) -> str:
     position_m, velocity_m_s, _ = record.motion(amplitude_m, SENT_EVERY)
     if (len(record.shape) - 1) % SENT_EVERY:  # its last sample, at rest at the centre, is none of them
         position_m, velocity_m_s = np.append(position_m, 0.0), np.append(velocity_m_s, 0.0)
-    return base64.b64encode(np.concatenate((position_m, velocity_m_s)).astype("<f4").tobytes()).decode()
+    return _packed(position_m, velocity_m_s)
+
+
+def _packed(*parts: FloatArray) -> str:
+    return base64.b64encode(np.concatenate(parts).astype("<f4").tobytes()).decode()
 
 
 def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:

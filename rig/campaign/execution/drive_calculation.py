@@ -22,7 +22,7 @@ from rig.matrix.command_limits import SignalLimits
 from rig.matrix.forecast import forecaster
 from rig.recording.alignment.alignment import NothingRecorded, align
 from rig.recording.drive_file import DriveOwner, kept_drives, write_drive
-from rig.recording.quality.tracking import rod_along
+from rig.recording.quality.tracking import run_of
 from rig.signals.drive_iteration import IterationSettings, SignalDrive, SignalDrives, advanced, allowed_start, drive_for
 from rig.signals.record import NoRecord
 from rig.test_point import SIGNAL, TestPoint
@@ -94,12 +94,14 @@ class DriveCalculation:
         context = point_context(campaign, act.BeginRecording(point, 1, run), point.id)
         commanded = run.record_samples or target
         received = np.concatenate(records)
-        measured_m = rod_along(commanded, run.centre_m, align(received, context))
-        if measured_m is None:
+        measured = run_of(commanded, target, run.centre_m, align(received, context))
+        if measured is None:
             return None
         inputs = received["value"][received["channel"] == Channel.INPUTS].astype(np.int64)
         saturated = bool((inputs & int(Input.VALVE_SATURATED)).any())
-        return advanced(action.drive, target, measured_m, settings, limits, saturated=saturated)
+        return advanced(
+            action.drive, target, measured.motion_m, settings, limits, saturated=saturated, force_N=measured.force_N
+        )
 
     def _keep(self, point: TestPoint, drive: SignalDrive) -> None:
         """Store the drive beside the points; a disk that refuses it does not end the iteration."""

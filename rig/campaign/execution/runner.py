@@ -44,8 +44,10 @@ from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.ring_reader import RecordBlock, RingReader
+from rig.signals.iteration_time import trials_s
 from rig.station.client import StationLost
 from rig.station.safe_stop import ZERO_CURRENT_A
+from rig.test_point import SIGNAL
 
 TURN_S = 0.002
 BEAT_NS = 40_000_000
@@ -116,6 +118,8 @@ class Runner:
         self._turns = TurnClock(campaign.config.heartbeat_timeout_s)
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
+        self._trials_left: tuple[object, object, float] = None, None, 0.0
+        """Queue and drives of the last calculation, and its result (s)."""
 
     @property
     def ended_by(self) -> Set[int]:
@@ -433,7 +437,7 @@ class Runner:
         cycles = observer.cycles_done if running else 0
         left_s = sum(point.motion_s + point.rest_s for point in state.queue)
         left_s -= cycles / state.point.frequency_Hz if running else 0.0
-        left_s += self._cooling_left_s()
+        left_s += self._cooling_left_s() + self._trials_left_s()
         point_id = state.queue[0].id if state.queue else ""
         left_s /= self._campaign.bench.clock.device_rate
         live = {name: observer.last[channel] for name, channel in LIVE.items() if channel in observer.last}
@@ -447,6 +451,19 @@ class Runner:
         now_degC = self._executor.observer.last.get(Channel.COIL_TEMPERATURE, math.nan)
         highest_degC = state.conditions.highest_start(state.point)
         return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
+
+    def _trials_left_s(self) -> float:
+        """Longest duration of the trials of iterated signals that are left (s, rig's clock)."""
+        state, settings = self.state, self.state.conditions.iteration
+        if settings is None:
+            return 0.0
+        queue, drives, left_s = self._trials_left
+        if queue is not state.queue or drives is not state.signal_drives:  # it is asked for ten times a second
+            signals = [(point.record_samples, point.current_A) for point in state.queue if point.kind == SIGNAL]
+            known = ((record, current_A) for record, current_A in signals if record is not None)
+            left_s = trials_s(known, settings, state.signal_drives)
+            self._trials_left = state.queue, state.signal_drives, left_s
+        return left_s
 
 
 def after_station(state: State, *, ended: bool, safe: bool, at_rest: bool) -> State:

@@ -8,21 +8,22 @@ error is taken at the delay that minimises it, and both are reported.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rig.recording.quality.verdict import Kind, Reason, Section, invalid, stored
 from rig.signals.arrays import FloatArray
 from rig.signals.following import following
-from rig.signals.record import STEP_S, RecordFacts
+from rig.signals.force_motion import equivalent_motion
+from rig.signals.record import STEP_S, Record, RecordFacts
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment, Overview
 
 LARGEST_GAP_S = 0.05
-"""Without a sample of the rod, in a run from which the next command is to be calculated."""
+"""Without a sample of the sensor, in a run from which the next command is to be calculated."""
 TRACKING_SUSPECT, TRACKING_INVALID = 0.10, 0.25
 """Distance from the target, RMS, as a share of the target's about its mean: standing far out is not following."""
 INCOMPLETE_SHARE = 0.005
@@ -54,7 +55,8 @@ class Tracking:
             the target's about the target's own mean.
         delay_s: of the rod behind its target (s).
         reached: the rod's span over the target's.
-        mean_m: of the rod's distance from its target (m).
+        mean_m: of the rod's distance from its target (m); None of a force target.
+        mean_N: of the force less its target (N), which the other numbers leave out; None of a displacement target.
     """
 
     window: Window
@@ -62,7 +64,8 @@ class Tracking:
     nrms: float
     delay_s: float
     reached: float
-    mean_m: float
+    mean_m: float | None
+    mean_N: float | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class SignalQuality(Section):
     delay_s: float | None = stored("tracking_delay_s")
     reached: float | None = stored("tracking_reached")
     mean_m: float | None = stored("tracking_mean_m")
+    mean_N: float | None = stored("tracking_mean_N")
 
 
 def signal_quality(tracking: Tracking | None) -> SignalQuality | None:
@@ -90,7 +94,7 @@ def signal_quality(tracking: Tracking | None) -> SignalQuality | None:
     window = tracking.window
     return SignalQuality(
         window.begin_s, window.end_s, *window.evaluated_s, tracking.played_s, tracking.nrms, tracking.delay_s,
-        tracking.reached, tracking.mean_m,
+        tracking.reached, tracking.mean_m, tracking.mean_N,
     )
 
 
@@ -118,45 +122,80 @@ def tracking_of(point: TestPoint, alignment: Alignment, seen: Overview) -> Track
     Args:
         point: the point.
         alignment: its channels.
-        seen: displacement over time.
+        seen: displacement and force over time.
     """
-    sent, target = (alignment.timed.get(name) for name in ("signal_time", "signal_target"))
-    if sent is None or target is None or point.record is None:
+    if point.record is None:
+        return None
+    of_force = point.record.of_force
+    sent, wanted = (
+        alignment.timed.get(name) for name in ("signal_time", "signal_force" if of_force else "signal_target")
+    )
+    if sent is None or wanted is None:
         return None
     time_s = np.asarray(sent.time_s) - alignment.origin_s
-    elapsed_s, target_m = (np.asarray(channel.records[:]["value"], np.float64) for channel in (sent, target))
+    elapsed_s, target = (np.asarray(channel.records[:]["value"], np.float64) for channel in (sent, wanted))
     window = window_of(time_s, elapsed_s, point.record.duration_s, point.record.ramp_s)
-    known = np.isfinite(seen.displacement_m)
-    if window is None or len(target_m) != len(elapsed_s) or np.count_nonzero(known) < 2:
+    measured = seen.force_N if of_force else seen.displacement_m
+    known = np.isfinite(measured)
+    if window is None or len(target) != len(elapsed_s) or np.count_nonzero(known) < 2:
         return None
     inside = (window.begin_s + elapsed_s >= window.evaluated_s[0]) & (
         window.begin_s + elapsed_s <= window.evaluated_s[1]
     )
     if np.count_nonzero(inside) < 2:
         return None
-    compared = following(
-        seen.time_s[known], seen.displacement_m[known], window.begin_s + elapsed_s[inside],
-        target_m[inside] + point.centre_m,
-    )
-    return Tracking(
-        window, played_s=min(point.record.duration_s, float(elapsed_s[-1])), nrms=compared.nrms,
-        delay_s=compared.delay_s, reached=compared.reached, mean_m=compared.mean,
-    )
+    played_s = min(point.record.duration_s, float(elapsed_s[-1]))
+    at_s, offset = window.begin_s + elapsed_s[inside], point.centre_m
+    if of_force:
+        evaluated = known & (seen.time_s >= window.evaluated_s[0]) & (seen.time_s <= window.evaluated_s[1])
+        offset = float(np.mean(measured[evaluated])) - float(np.mean(target[inside])) if evaluated.any() else 0.0
+    compared = following(seen.time_s[known], measured[known], at_s, target[inside] + offset)
+    mean_m, mean_N = (None, offset) if of_force else (compared.mean, None)
+    return Tracking(window, played_s, compared.nrms, compared.delay_s, compared.reached, mean_m, mean_N)
 
 
-def rod_along(record: RecordFacts, centre_m: float, alignment: Alignment) -> FloatArray | None:
-    """Where the rod was every `STEP_S` from the begin of a signal, about a centre, (n,) m; None where it is not known.
+class Run(NamedTuple):
+    """What was measured in a run from which the next command is calculated.
+
+    Attributes:
+        motion_m: (n,) of the rod about its centre, every `STEP_S` from the begin; of a force target the motion with
+            which the expected damper would give the force.
+        force_N: (n,) of a force target; else None.
+    """
+
+    motion_m: FloatArray
+    force_N: FloatArray | None = None
+
+
+def run_of(commanded: RecordFacts, target: Record, centre_m: float, alignment: Alignment) -> Run | None:
+    """What a run has measured; None where it is not known over the whole run.
+
+    Args:
+        commanded: the motion that was commanded.
+        target: what is to be followed.
+        centre_m: of the motion.
+        alignment: the channels of the run.
+    """
+    if target.force is None:
+        rod_m = _along(commanded, alignment, "displacement")
+        return None if rod_m is None else Run(rod_m - centre_m)
+    force_N = _along(commanded, alignment, "force")
+    return None if force_N is None else Run(equivalent_motion(target.force, commanded, target, force_N), force_N)
+
+
+def _along(record: RecordFacts, alignment: Alignment, name: str) -> FloatArray | None:
+    """A channel every `STEP_S` from the begin of a signal, (n,); None where it is not known.
 
     Args:
         record: the motion that was commanded.
-        centre_m: of the motion.
         alignment: the channels of its run.
+        name: of the channel.
     """
     from scipy.interpolate import CubicSpline  # 0.2 s to load, and only iterated signals need it
 
     sent = alignment.timed.get("signal_time")
-    time_s, rod_m = np.asarray(alignment.time_s), np.asarray(alignment.values["displacement"])
-    known = np.isfinite(rod_m)
+    time_s, values = np.asarray(alignment.time_s), np.asarray(alignment.values[name])
+    known = np.isfinite(values)
     if sent is None or np.count_nonzero(known) < 2:
         return None
     elapsed_s = np.asarray(sent.records[:]["value"], np.float64)
@@ -164,13 +203,13 @@ def rod_along(record: RecordFacts, centre_m: float, alignment: Alignment) -> Flo
     played_s = 0.0 if len(elapsed_s) == 0 else float(elapsed_s[-1])
     if window is None or played_s < (1.0 - INCOMPLETE_SHARE) * record.duration_s:
         return None
-    time_s, rod_m = time_s[known], rod_m[known]
+    time_s, values = time_s[known], values[known]
     inside = (time_s >= window.begin_s) & (time_s <= window.end_s)
     if np.max(np.diff(time_s[inside]), initial=0.0) > LARGEST_GAP_S or np.count_nonzero(inside) < 2:
         return None
     query_s = window.begin_s + STEP_S * np.arange(round(record.duration_s / STEP_S) + 1)
-    spline = CubicSpline(time_s, rod_m)
-    return np.asarray(spline(np.clip(query_s, time_s[0], time_s[-1])) - centre_m, np.float64)
+    spline = CubicSpline(time_s, values)
+    return np.asarray(spline(np.clip(query_s, time_s[0], time_s[-1])), np.float64)
 
 
 def tracking_reasons(
@@ -195,9 +234,9 @@ def tracking_reasons(
         return []
     limits = f"limit {100 * TRACKING_INVALID:g} %" if tolerance is None else f"tolerance {100 * tolerance:g} %"
     text = (
-        f"RMS tracking error of the rod: {100 * tracking.nrms:.3g} % of the target, after correction "
-        f"for a delay of {1e3 * tracking.delay_s:.3g} ms ({limits}); the rod reached "
-        f"{100 * tracking.reached:.3g} % of the span"
+        f"RMS tracking error of the {'force' if point.record.of_force else 'rod'}: {100 * tracking.nrms:.3g} % of the "
+        f"target, after correction for a delay of {1e3 * tracking.delay_s:.3g} ms ({limits}); the "
+        f"{'force' if point.record.of_force else 'rod'} reached {100 * tracking.reached:.3g} % of the span"
     )
     kind = Kind.INVALID if tracking.nrms > TRACKING_INVALID else Kind.SUSPECT
     return [Reason("tracking", kind, text, {"nrms": tracking.nrms, "delay_s": tracking.delay_s})]

@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rig.bench.model import Bench
@@ -342,8 +343,66 @@ def test_an_iterated_command_is_checked_as_the_plan_checks_a_point(tmp_path: Pat
         share = limits.share(large)
         assert 0.0 < share < 1.0
         assert limits.against(replace(large, amplitude_m=share * large.amplitude_m), target) == ""
-    hint = next(line for line in plan(matrix, rig).warnings if "iterated" in line)
+    planned = plan(matrix, rig)
+    hint = next(line for line in planned.warnings if "iterated" in line)
     assert "up to 5 trials" in hint
+    currents = len(planned.points)
+    longest_s = 20.0 + 0.5 + currents * 5 * (target.duration_s + 0.5)  # noise, then the target and four corrections
+    assert planned.trials_s == pytest.approx(longest_s)
+    assert planned.duration_s == pytest.approx(currents * planned.points[0].duration_s + longest_s)
+    assert planned.to_json()["trials_s"] == planned.trials_s
+
+
+FORCE = (
+    '[matrix]\nwaveform = ["file"]\ncurrent = ["1 A", "2 A"]\n[matrix.file]\nfile = ["drive.csv"]\ntarget = "force"\n'
+    'highest_frequency = "5 Hz"\n'
+)
+WITH_PRIOR = HEAD.replace('max_force = "1 kN"', 'prior = "demo"')
+
+
+def force_rows(amplitude_kN: float = 0.6, name: str = "force_kN") -> str:
+    lines = [f"{0.01 * k:.2f},{amplitude_kN * math.sin(math.tau * 0.02 * k):.6f}" for k in range(501)]
+    return f"time_s,{name}\n" + "\n".join(lines) + "\n"
+
+
+def test_the_motion_for_a_force_depends_on_the_current_and_is_checked_as_any_motion(tmp_path: Path) -> None:
+    matrix, rig = load(tmp_path, f"{WITH_PRIOR}{FORCE}{ITERATE}", force_rows()), bench(tmp_path)
+    weak, strong = matrix.points()
+    assert weak.described.startswith("file drive (force) up to")
+    assert weak.amplitude_m > 2.0 * strong.amplitude_m, "more current, less speed for the same force"
+    assert weak.record_samples is not None
+    assert weak.record_samples.force is not None
+    assert np.ptp(weak.record_samples.force.force_N) == pytest.approx(1200.0, rel=0.01), "kN"
+    hints = [line for line in plan(matrix, rig).warnings if "subtracted from the force" in line]
+    assert [line[:4] for line in hints] == ["p001", "p002"]
+    assert "not expected to converge" in hints[1], "2 A are mostly hysteresis"
+    slow = bench(tmp_path, speed='"0.1 m/s"')
+    assert "speed" in [cause.slug for cause in plan(matrix, slow).points[0].causes]
+
+
+@pytest.mark.parametrize(
+    ("text", "drive", "message"),
+    [
+        (f"{HEAD}{FORCE}{ITERATE}", force_rows(), "prior: is missing; with target"),
+        (f"{WITH_PRIOR}{FORCE}", force_rows(), "requires a table [matrix.iterate]"),
+        (f'{WITH_PRIOR}{FORCE}amplitude = "5 mm"\n{ITERATE}', force_rows(), "applies only to displacements"),
+        (f"{WITH_PRIOR}{FORCE}{ITERATE}", rows(), "no column for force in 'time_s, displacement_mm'"),
+        (f"{WITH_PRIOR}{FORCE}{ITERATE}", force_rows(9.0), "at 1 A: force of -9000 N at"),
+        (f"{HEAD}{FORCE}{ITERATE}".replace('"force"', '"speed"'), rows(), "target"),
+        (f'{matrix_of("file")}{FILE}lowest_frequency = "1 Hz"\n', rows(), 'applies only with target = "force"'),
+    ],
+)
+def test_a_force_that_cannot_be_a_target_is_refused_with_its_place(
+    tmp_path: Path, text: str, drive: str, message: str
+) -> None:
+    with pytest.raises(FileProblem, match=re.escape(message)):
+        load(tmp_path, text, drive)
+
+
+def test_files_of_displacements_keep_their_digest(tmp_path: Path) -> None:
+    text = load(tmp_path, f"{matrix_of('file')}{FILE}", rows()).model_dump_json()
+    assert '"target"' not in text
+    assert '"lowest_Hz"' not in text
 
 
 def test_a_target_beyond_a_limit_is_refused_with_the_amplitude_that_fits(tmp_path: Path) -> None:

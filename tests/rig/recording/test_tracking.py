@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -27,6 +28,26 @@ def reasons_of(target_m: np.ndarray, rod_m: np.ndarray) -> list[str]:
     seen = SimpleNamespace(time_s=time_s, displacement_m=rod_m)
     tracking = tracking_of(REQUESTED, cast("Any", alignment), cast("Any", seen))
     return [f"{reason.slug} {reason.kind.name}" for reason in tracking_reasons(REQUESTED, tracking, stopped=False)]
+
+
+def test_a_force_target_is_compared_with_the_force_without_the_means() -> None:
+    time_s = 0.01 * np.arange(1001)
+    target_N = 300.0 * np.sin(math.tau * time_s)
+    channels = {
+        name: SimpleNamespace(time_s=time_s, records=np.array([(value,) for value in values], [("value", float)]))
+        for name, values in (("signal_time", time_s), ("signal_target", 0.0 * time_s), ("signal_force", target_N))
+    }
+    point = replace(REQUESTED, record=RecordFacts("", 10.0, 1.0, 5.0, of_force=True))
+    alignment = SimpleNamespace(timed=channels, origin_s=0.0)
+    for share, reasons in ((0.97, []), (0.8, ["RMS tracking error of the force: 20 % of the target"])):
+        seen = SimpleNamespace(time_s=time_s, displacement_m=0.0 * time_s, force_N=share * target_N - 250.0)
+        tracking = tracking_of(point, cast("Any", alignment), cast("Any", seen))
+        assert tracking is not None
+        assert tracking.nrms == pytest.approx(1.0 - share, abs=1e-3)
+        assert tracking.mean_m is None
+        assert tracking.mean_N == pytest.approx(-250.0, abs=1.0)
+        texts = [reason.text[:55] for reason in tracking_reasons(point, tracking, stopped=False, tolerance=0.05)]
+        assert [text[:len(reason)] for text, reason in zip(texts, reasons, strict=True)] == reasons
 
 
 @pytest.mark.parametrize("centre_m", [0.0, 0.03])

@@ -79,9 +79,25 @@ def test_of_an_iterated_command_the_target_is_recorded_beside_it_and_moves_nothi
         signal_order(sent(amplitude_m=0.04, rate_Hz=2.0, target=sent(rate_Hz=2.0)["samples"]), LIMITS, HALT)
 
 
+def test_a_target_force_is_recorded_at_each_set_point_and_moves_nothing() -> None:
+    records: list[Any] = []
+    given = sent(force=packed([2.0 * k for k in range(501)], []))
+    source = SignalSource(signal_order(given, LIMITS, HALT), records.extend)
+    for elapsed_s, force_N in ((0.0, 0.0), (0.001, 0.5), (1.0, 500.0), (2.01, 1000.0)):
+        records.clear()
+        setpoint = source.at(elapsed_s)
+        assert setpoint is not None
+        values = {record[4]: record[2] for record in records}
+        assert values[Channel.SIGNAL_FORCE] == pytest.approx(force_N, abs=1e-3)
+        assert values[Channel.SIGNAL_TARGET] == pytest.approx(setpoint.position_m - 0.002)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        (sent(force=packed([1.0] * 5, [])), "5 samples of the force for 501 of the motion"),
+        (sent(force=packed([math.inf] * 501, [])), "expected a signal"),
+        (sent(force=3), "expected a signal"),
         (sent(amplitude_m=0.05), "above zero .* 0.052 m"),
         (sent(amplitude_m=-0.06), "below zero .* 0.058 m"),
         (sent(amplitude_m=0.04, rate_Hz=2.0), "speed 0.25"),
