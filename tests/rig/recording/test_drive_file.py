@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from rig.recording.drive_file import DriveOwner, kept_drives, write_drive
+from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fields
 from rig.signals.drive_iteration import KEPT, FrequencyResponse, SignalDrive, Trial, command_record
+from rig.signals.force_target import ForceTarget, SpeedOfForce
 from rig.signals.record import SweepMotion, sweep_record
 from rig.test_point import TestPoint
 
@@ -51,6 +53,35 @@ def test_the_best_command_and_the_response_are_read_back(tmp_path: Path) -> None
         assert file["error"][:].tolist() == [0.2, 0.01, 0.05]
         assert file["command"].shape == file["measured"].shape == (3, len(TARGET.shape))
         assert file["command"].attrs["units"] == "m"
+
+
+def test_of_a_force_target_the_forces_are_stored_too(tmp_path: Path) -> None:
+    force_N = 500.0 * TARGET.shape
+    target = replace(TARGET, of_force=True, force=ForceTarget("mark", 0.3, None, 12.0, force_N, SpeedOfForce(
+        np.array([-1e3, 1e3]), np.array([-0.5, 0.5])
+    )))
+    written = drive()
+    trials = tuple(trial._replace(force_N=force_N + 10.0) for trial in written.trials)
+    point = replace(POINT, record=target)
+    write_drive(tmp_path / "drives", "p001", OWNER, point, replace(written, trials=trials, of_force=True))
+    with h5py.File(tmp_path / "drives" / "p001.h5") as file:
+        assert file.attrs["follows"] == "force"
+        assert file["force"].shape == (3, len(force_N))
+        assert file["force"].attrs["units"] == "N"
+        assert file["target_force"][:] == pytest.approx(force_N)
+    (kept,), problems = kept_drives(tmp_path / "drives", OWNER, (point,), 0.7)
+    assert problems == ()
+    assert kept.of_force
+    assert kept.command is not None
+    assert kept.command.force is target.force, "the station records it beside the command"
+
+
+def test_whether_a_force_is_followed_is_read_back_from_the_attributes_of_a_point() -> None:
+    for of_force in (False, True):
+        point = replace(POINT, record=replace(TARGET, of_force=of_force))
+        attributes = attributes_of(point, NOT_STATED)
+        assert ("record_of_force" in attributes) is of_force, "files of displacements stay as they are"
+        assert point_fields(attributes)["record"].of_force is of_force
 
 
 @pytest.mark.parametrize(
