@@ -10,10 +10,10 @@ option = ["damper.gas_force_N=120"]   # as --option
 from __future__ import annotations
 
 import dataclasses
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from protocols.patterns import Pattern
 from rig.errors import FileProblem
 from simulators.options import RigOptions, with_option
 from simulators.plant.plant import specimen_model
@@ -30,7 +30,7 @@ def as_specimen(options: RigOptions, path: Path) -> RigOptions:
     """
     file = _read(path)
     for number, entry in enumerate(file.specimen, start=1):
-        if not re.fullmatch(entry.serial, options.specimen.serial_number):
+        if not Pattern(entry.serial).fullmatch(options.specimen.serial_number):
             continue
         for assignment in entry.option:
             options = with_option(options, assignment)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from protocols.descriptions import Problem
+from protocols.patterns import Pattern, PatternError
 from rig.files.section import Section
 
 Factor = Annotated[float, Field(ge=0.0, le=100.0)]
@@ -29,8 +29,8 @@ class SimulatedSpecimen(Section):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         try:
-            re.compile(self.serial)
-        except re.error as error:
+            Pattern(self.serial)
+        except PatternError as error:
             yield ("serial",), f"not a valid regular expression: {error}"
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Literal
 
 from pydantic import Field
 
 from protocols.descriptions import Problem
+from protocols.patterns import Pattern, PatternError
 from rig.files.section import Section
 from rig.matrix.report_table import FileName
 
@@ -38,12 +38,12 @@ class LineTable(Section):
         if self.serial is None:
             return
         try:
-            re.compile(self.serial)
-        except re.error as error:
+            Pattern(self.serial)
+        except PatternError as error:
             yield ("serial",), f"not a valid regular expression: {error}"
 
     def problem_with(self, serial_number: str) -> str:
         """Why a serial number is not one of this line; empty if it is."""
-        if self.serial is None or re.fullmatch(self.serial, serial_number):
+        if self.serial is None or Pattern(self.serial).fullmatch(serial_number):
             return ""
         return f"does not match [line] serial = {self.serial!r} in the matrix file"

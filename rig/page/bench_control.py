@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.processes import own_program
+from protocols.patterns import Pattern
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.page.commands import WORDS, one_line
@@ -408,7 +409,7 @@ class BenchControl:
         if line is None:
             raise Refusal("no-bands", "This matrix has no acceptance bands ([acceptance]), so the production view "
                           "cannot show a verdict.")  # fmt: skip
-        if line["serial"] and not re.fullmatch(line["serial"], serial_number):
+        if line["serial"] and not Pattern(line["serial"]).fullmatch(serial_number):
             raise Refusal("bad-serial-number", f"{serial_number}: not a serial number of this line; expected "
                           f"{line['serial']} ([line] serial in the matrix file). Scan the code of the specimen.")
         last = self.history.runs[0] if self.history.runs else None

@@ -19,6 +19,7 @@ from rig.cli.line_session import Answer, LineResult, LineSession
 from rig.cli.main import main
 from rig.comparison.specimen import SpecimenResult, SpecimenVerdict
 from rig.errors import EXIT_NOT_ACCEPTED, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE, EXIT_USAGE, FileProblem
+from rig.matrix.line_table import LineTable
 from rig.matrix.model import load_matrix
 from rig.recording.tested_specimens import TestedSpecimens
 from simulators.options import RigOptions, with_option
@@ -240,6 +241,9 @@ def test_a_matrix_without_bands_or_with_a_wrong_pattern_is_refused(
         assert problem in capsys.readouterr().err
     with pytest.raises(FileProblem, match="does not match"):
         load_matrix(LINE).of_specimen("MX-101")
+    slow = LineTable(serial="(A+)+")  # a backtracking engine would need 2**30 steps
+    assert slow.problem_with("A" * 31 + "-")
+    assert not slow.problem_with("A" * 32)
 
 
 def test_a_simulated_rig_emulates_the_damper_of_its_serial_number(tmp_path: Path) -> None:
