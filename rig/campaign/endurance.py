@@ -197,7 +197,7 @@ def _rule_text(rule: Mapping[str, Any]) -> str:
     if rule["relative"]:
         text = f"{kind.words} {100 * rule['value']:.3g} % (limit {100 * rule['limit']:.3g} %"
     else:
-        text = f"{kind.words} {rule['value']:.3g} (limit {rule['limit']:.3g}"
+        text = f"{kind.words} {rule['value']:.3g} degC (limit {rule['limit']:.3g} degC"
     if expected["state"] == "trend":
         cycles, low, high = (f"{float(f'{expected[key]:.3g}'):,.0f}" for key in ("cycles", "low", "high"))
         text += f", forecast after {cycles} cycles, 95 % interval {low} to {high}"

@@ -275,10 +275,11 @@ def _golden(study: GoldenStudy, most: int | None, display: Display) -> Blocks:
                          number(3.0 * chart.sigma / shown.scale, 3),
                          str(len(signals))), level))  # fmt: skip
     head = (Column("possible cause"), Column("unit"), Column("last day", "", True), Column("3 sigma", "", True),
-            Column("days with a signal", "", True))  # fmt: skip
+            Column("days named as cause", "", True))  # fmt: skip
     blocks.append(table(head, rows))
     blocks.append(Paragraph("The size of each cause is estimated from all values of a day; a drift of one cause also "
-        "changes the estimates of others, so the cause whose pattern fits best is named.", small=True))
+        "changes the estimates of others, also beyond their limits, so the cause whose pattern fits best is named.",
+        small=True))
     listed = check.findings[-(most or DAYS_NAMED):]
     if len(listed) > 1:
         days = tuple(f"{_day(study, one.index)}: {_drift(one, display)}" for one in listed)

@@ -75,6 +75,8 @@ def response_blocks(tests: Sequence[Mapping[str, Any]], display: Display, *, nar
         rows = [[test["id"], *row, _steps(test)] for test, row in zip(tests, rows, strict=True)]
     remarks = [FROM_CURRENT] if any(test["origin"] != COMMAND for test in tests) else []
     remarks += _remarks(tests)
+    if narrow:
+        remarks += _discarded(tests)
     return [table(head, rows, title="Response time" if narrow else ""),
             *(Paragraph(remark, small=True) for remark in remarks)]
 
@@ -113,6 +115,17 @@ def _ms(value_s: float, std_s: float) -> str:
 def _steps(test: Mapping[str, Any]) -> str:
     lost = f" ({test['discarded']} discarded)" if test["discarded"] else ""
     return f"{test['steps']}{lost}"
+
+
+def _discarded(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
+    """States where the table has no column for them how many steps of each point are not in the results."""
+    lost: dict[str, tuple[int, int]] = {}
+    for test in tests:
+        discarded, total = lost.get(test["id"], (0, 0))
+        lost[test["id"]] = discarded + test["discarded"], total + test["steps"] + test["discarded"]
+    named = [f"{discarded} of {total} in {name}" for name, (discarded, total) in lost.items() if discarded]
+    if named:
+        yield f"Discarded steps: {', '.join(named)}."
 
 
 def _remarks(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
@@ -191,7 +204,8 @@ def _summary(tests: Sequence[ResponseTest], display: Display) -> list[Block]:
         _over(known, place, Axis("Current", "A"), f"{name} vs. current", _high_A,
               lambda test: f"{display.speed.text(abs(test.velocity_m_s), 2)} {test.direction}"),
     ]
-    return [Figures(tuple(figures), across=2)]
+    caption = f"{name} over velocity and over current. Vertical bars: 95 % intervals."
+    return [Paragraph(caption, small=True), Figures(tuple(figures), across=2)]
 
 
 def _high_A(test: ResponseTest) -> float:

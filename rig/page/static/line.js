@@ -69,8 +69,9 @@ function line_history(message) {
   line.today = message.today || {};
   const body = by_id("line-history").tBodies[0]; body.replaceChildren();
   for (const run of runs.slice(0, 30)) {
-    const known = VERDICTS[run.specimen_verdict] || ["bad", run.ended], row = element("tr", undefined, known[0] === "good" ? "" : "bad");
-    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : run.ended === "running" ? "▶" : "✗"} ${known[1]}`, "mark"), element("td", run.specimen_reason || run.text), element("td", seconds(run.takt_s), "numeric"));
+    const neutral = ["finished", "imported", "running"].includes(run.ended) ? "" : "bad"; // a run without acceptance bands is not a bad specimen
+    const known = VERDICTS[run.specimen_verdict] || [neutral, run.ended], row = element("tr", undefined, known[0] === "good" ? "" : known[0] && "bad");
+    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : run.ended === "running" ? "▶" : known[0] ? "✗" : "–"} ${known[1]}`, "mark"), element("td", run.specimen_reason || run.text), element("td", seconds(run.takt_s), "numeric"));
     body.append(row);
   }
 }

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from rig.campaign.endurance import summary_of
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.endurance import left_of, without_rest_of
@@ -130,3 +131,9 @@ def test_without_a_count_the_rig_is_stopped() -> None:
 def test_what_is_left_of_a_block_begins_where_it_was_interrupted() -> None:
     rest = left_of(left_of(block(3, 200), 70), 10)
     assert (rest.cycles, rest.endurance) == (10, EnduranceStep("e", 290, 300, 3, 100, 10))
+
+
+def test_the_temperature_of_a_stop_rule_is_stated_with_its_unit() -> None:
+    rule = {"name": "temperature", "relative": False, "value": 24.04, "limit": 90.0, "forecast": {"state": "none"}}
+    test = {"id": "wear", "cycles_run": 80, "cycles_planned": 480, "cycles_unrecorded_at_most": 0, "rules": [rule]}
+    assert summary_of(test) == "wear: 80 of 480 cycles; coil temperature 24 degC (limit 90 degC)"
