@@ -386,12 +386,14 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
     described = bench.ecu.described_supply
     if described is None and not bench.ecu.by_hand:
         return
-    if matrix.temperature is not None:
+    needing = "[temperature] window" if matrix.temperature is not None else ""
+    if any(test.stop.temperature is not None for test in matrix.endurance):
+        needing = "stop rule on the temperature ([endurance.stop])"  # it could never end the test
+    if needing:
         raise Refused(
             "source-without-temperature",
-            "the matrix has a [temperature] window, but this bench does not measure the coil temperature; no motion "
-            "was started. Fix: remove the window, or drive the coil with a current controller that measures the coil "
-            "temperature",
+            f"the matrix has a {needing}, but this bench does not measure the coil temperature; no motion was started. "
+            "Fix: remove it, or drive the coil with a current controller that measures the coil temperature",
         )
     if described is None:
         _check_by_hand(matrix)

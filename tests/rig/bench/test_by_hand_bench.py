@@ -80,6 +80,10 @@ def test_points_run_by_rising_current_with_their_names_and_the_changes_are_count
         ("[[current_step]]\ncurrent = [\"0 A\", \"1 A\"]\n", "by-hand-without-steps"),
         ("[campaign]\ndemagnetise = true\n", "source-without-negative-current"),
         ('[temperature]\nwindow = ["25 degC", "40 degC"]\n', "source-without-temperature"),
+        (
+            '[[endurance]]\namplitude = "5 mm"\nfrequency = "1 Hz"\ncurrent = "0 A"\ncycles = 100\n'
+            'stop.temperature = "90 degC"\n', "source-without-temperature",
+        ),
     ],
 )
 def test_matrices_that_nobody_can_follow_are_refused(tmp_path: Path, added: str, slug: str) -> None:
