@@ -42,6 +42,7 @@ class EnduranceStep(NamedTuple):
         block_cycles: cycles of the whole block; a resumed block has fewer `cycles` left.
         keep_every: full samples are kept of every so many cycles of the test; 0 of a performance point.
         unseen_cycles: cycles that can run at most after the recording of a block was cut off.
+        program_cycles: cycles after which the current program of a block repeats itself; 0 at a constant current.
     """
 
     test: str
@@ -51,6 +52,7 @@ class EnduranceStep(NamedTuple):
     block_cycles: int = 0
     keep_every: int = 0
     unseen_cycles: int = 0
+    program_cycles: int = 0
 
 
 @dataclass(frozen=True)

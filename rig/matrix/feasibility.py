@@ -22,7 +22,7 @@ from rig.matrix.storage import LARGEST_BLOCK_BYTES, journal_bytes, most_in_a_blo
 from rig.matrix.streaming import peaks, some
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
-from rig.test_point import HYBRID, RESPONSE, TestPoint
+from rig.test_point import ENDURANCE, HYBRID, RESPONSE, TestPoint
 from rig.units import show
 
 SAMPLES_A_CYCLE = 25
@@ -279,7 +279,7 @@ def _of_program(point: TestPoint, bench: Bench) -> Iterator[Reason]:
     if count > MOST_CURRENT_STEPS:
         text = f"the current program has {count} steps; allowed: at most {MOST_CURRENT_STEPS}"
         yield Reason("current", text, count)
-    if last_s >= point.motion_s:
+    if last_s >= point.motion_s and point.kind != ENDURANCE:  # a block states the whole program
         text = (
             f"the last step of the current program is at {last_s:.4g} s, but the motion ends at {point.motion_s:.4g} s"
         )
@@ -413,6 +413,8 @@ def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast)
 
 def speed_that_fits(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> float | None:
     """The highest speed (m/s), rounded down, with which a point of the same amplitude is feasible; None if none is."""
+    if point.current_programmed and point.kind != RESPONSE:  # its steps would no longer be in step with the motion
+        return None
     one_Hz_m_s = replace(point, frequency_Hz=1.0).peak_speed_m_s
 
     def allowed(steps: int) -> bool:

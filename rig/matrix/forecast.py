@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,9 +26,25 @@ def forecaster(specimen: Specimen) -> Forecast:
 
     def forecast(point: TestPoint) -> tuple[float | None, float | None]:
         own = point.forecast
-        return of_waveforms(point) if own is None else (own.force_N, own.energy_J + _coil_J(point, specimen))
+        if own is not None:
+            return own.force_N, own.energy_J + _coil_J(point, specimen)
+        return _of_program(point, of_waveforms) if point.current_programmed else of_waveforms(point)
 
     return forecast
+
+
+def _of_program(point: TestPoint, at_constant_current: Forecast) -> tuple[float | None, float | None]:
+    """Of a current program: the largest force of its currents, and the energy by the time at each of them."""
+    ends_s = (*point.steps_s[1:], max(point.motion_s, point.steps_s[-1]))
+    held_s: dict[float, float] = {}
+    for current_A, begin_s, end_s in zip(point.steps_A, point.steps_s, ends_s, strict=True):
+        held_s[current_A] = held_s.get(current_A, 0.0) + end_s - begin_s
+    of_currents = {current_A: at_constant_current(replace(point, current_A=current_A)) for current_A in held_s}
+    forces_N = [force_N for force_N, _ in of_currents.values() if force_N is not None]
+    if len(forces_N) < len(of_currents):
+        return None, None
+    energy_J = sum((of_currents[name][1] or 0.0) * time_s for name, time_s in held_s.items()) / sum(held_s.values())
+    return max(forces_N), energy_J
 
 
 def _of_waveforms(specimen: Specimen) -> Forecast:

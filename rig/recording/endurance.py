@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from rig.errors import FileProblem
 from rig.recording.hdf5.reading import read_cycles
 from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.program_cycles import RepeatedProgram
 from rig.signals.wear_trend import (
     QUANTITIES,
     Forecast,
@@ -82,10 +84,16 @@ def piece_of(recorded: RecordedPoint, file: Path) -> BlockPiece | None:
     numbers = np.asarray(columns.get("number", ()), np.float64)
     nothing = np.full(numbers.size, np.nan)
     statistics = {name: np.asarray(columns.get(name, nothing), np.float64) for name in QUANTITIES}
+    groups = None
+    if recorded.current_programmed and step.program_cycles:
+        program = RepeatedProgram.of_steps(
+            recorded.steps_s, recorded.steps_A, recorded.frequency_Hz, recorded.ramp_in_cycles, step.program_cycles
+        )
+        groups = program.groups_of(np.asarray(columns.get("program_cycle", nothing), np.float64))
     return BlockPiece(
         str(recorded.provenance.get("point", recorded.id)), step, counted.cycles_run or 0,
         counted.cycles_recorded or 0, counted.unseen_cycles or 0, recorded.verdict,
-        sections_of(numbers, step.block, statistics), file.name,
+        sections_of(numbers, step.block, statistics, groups), file.name,
     )
 
 
@@ -103,6 +111,20 @@ def read_pieces(points: Path) -> tuple[list[BlockPiece], list[str]]:
         if piece is not None:
             pieces.setdefault(str(recorded.provenance.get("journal_check") or file.name), piece)
     return list(pieces.values()), problems
+
+
+class FollowedRule(NamedTuple):
+    """A stop rule over an endurance test.
+
+    Attributes:
+        sections: those that are compared, (n,).
+        change: of each section toward the limit (n,).
+        forecast: when the limit will be reached.
+    """
+
+    sections: Sections
+    change: FloatArray
+    forecast: Forecast
 
 
 class EnduranceLedger:
@@ -172,10 +194,9 @@ class EnduranceLedger:
     @property
     def reached(self) -> str:
         """Name of the stop rule that the last known section has reached; empty where it has reached none."""
-        sections = self.sections
-        baseline = baseline_of(sections, self._run_in)
-        for rule in self.rules if len(sections) else ():
-            if reached_by(rule, sections, baseline):
+        groups = [(sections, baseline_of(sections, self._run_in)) for sections in self.sections.groups if len(sections)]
+        for rule in self.rules:
+            if any(reached_by(rule, sections, baseline) for sections, baseline in groups):
                 return rule.name
         return ""
 
@@ -185,8 +206,8 @@ class EnduranceLedger:
         Args:
             planned: cycles of the whole test.
         """
-        sections = self.sections
-        baseline = baseline_of(sections, self._run_in)
+        levels = [self._level_json(group) for group in self.sections.groups if len(group)]
+        highest = levels[-1] if levels else {}
         reached, run = self.reached, self.cycles_run
         return {
             "id": self.test,
@@ -195,28 +216,44 @@ class EnduranceLedger:
             "cycles_planned": planned, "cycles_run": run, "cycles_recorded": self.cycles_recorded,
             "cycles_unrecorded_at_most": self.unrecorded_at_most,
             "pieces": len(self._pieces), "run_in_cycles": self._run_in,
-            "baseline": {name: _finite(value) for name, value in baseline.items()} if len(sections) else None,
-            "last": {name: _finite(values[-1]) for name, values in sections.medians.items()} if len(sections) else None,
-            "rules": [self._rule_json(rule, sections, baseline) for rule in self.rules],
+            "baseline": highest.get("baseline"), "last": highest.get("last"),
+            "levels": levels if len(levels) > 1 else [],
+            "rules": [self._rule_json(rule) for rule in self.rules],
         }  # fmt: skip
 
-    def _rule_json(self, rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> dict[str, Any]:
-        change, expected = self.followed(rule, sections, baseline)
+    def _level_json(self, group: Sections) -> dict[str, Any]:
+        baseline = baseline_of(group, self._run_in)
+        return {
+            "baseline": {name: _finite(value) for name, value in baseline.items()},
+            "last": {name: _finite(values[-1]) for name, values in group.medians.items()},
+        }
+
+    def _rule_json(self, rule: StopRule) -> dict[str, Any]:
+        followed = self.followed(rule)
+        change = followed.change
         return {
             "name": rule.name, "limit": rule.limit, "relative": rule.relative,
             "value": _last_known(change),
-            "forecast": dict(zip(("state", "cycles", "low", "high"), expected, strict=True)),
+            "forecast": dict(zip(("state", "cycles", "low", "high"), followed.forecast, strict=True)),
         }
 
-    def followed(
-        self, rule: StopRule, sections: Sections | None = None, baseline: Mapping[str, float] | None = None
-    ) -> tuple[np.ndarray[Any, np.dtype[np.float64]], Forecast]:
-        """How far each section is toward a rule's limit, and when it will be reached."""
-        sections = self.sections if sections is None else sections
-        baseline = baseline_of(sections, self._run_in) if baseline is None else baseline
-        change = changes(rule, sections, baseline)
+    def followed(self, rule: StopRule) -> FollowedRule:
+        """How far each section is toward a rule's limit, and when it will be reached.
+
+        Cycles are compared with those of the same current: of several, the group that is nearest its limit counts.
+
+        Args:
+            rule: one of the test's.
+        """
+        followed = []
+        for sections in self.sections.groups:
+            change = changes(rule, sections, baseline_of(sections, self._run_in))
+            last = _last_known(change)
+            followed.append((-np.inf if last is None else last, change))
+        place = max(range(len(followed)), key=lambda number: followed[number][0])
+        sections, change = self.sections.groups[place], followed[place][1]
         after = sections.cycle > self._run_in
-        return change, forecast(sections.cycle[after], change[after], rule.limit)
+        return FollowedRule(sections, change, forecast(sections.cycle[after], change[after], rule.limit))
 
 
 def withdrawn_points(folder: Path) -> frozenset[str]:

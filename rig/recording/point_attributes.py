@@ -34,6 +34,8 @@ RECORD = {
 """Field of `RecordFacts` -> attribute."""
 ENDURANCE = {name: f"endurance_{name}" for name in EnduranceStep._fields}
 """Field of `EnduranceStep` -> attribute."""
+PROGRAM_CYCLES = ENDURANCE["program_cycles"]
+"""Only of a block with a current program."""
 NAMES = frozenset({
     *MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, *COMMANDED.values(), *RECORD.values(), *ENDURANCE.values(),
 })
@@ -97,6 +99,8 @@ def attributes_of(point: TestPoint, commanded: Commanded) -> dict[str, str | int
         values[RECORD["of_force"]] = int(record.of_force) or None
     if point.endurance is not None:
         values |= {attribute: getattr(point.endurance, name) for name, attribute in ENDURANCE.items()}
+        if not point.endurance.program_cycles:
+            del values[PROGRAM_CYCLES]
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -119,6 +123,7 @@ def point_fields(attributes: Mapping[str, Any]) -> dict[str, Any]:
             stated.get(RECORD["highest_Hz"], 0.0), stated.get(RECORD["sha256"], ""),
             bool(stated.get(RECORD["of_force"], 0)),
         )
+    stated.setdefault(PROGRAM_CYCLES, 0)
     if all(attribute in stated for attribute in ENDURANCE.values()):
         numbers = {name: int(stated[attribute]) for name, attribute in ENDURANCE.items() if name != "test"}
         fields["endurance"] = EnduranceStep(stated[ENDURANCE["test"]], **numbers)

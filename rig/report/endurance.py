@@ -36,7 +36,8 @@ NOTE = (
     "The specimen was cycled in blocks; the points of the matrix were repeated between them. Statistics are kept of "
     "every cycle. Each point of the plots is the median of a section of a block. Changes are relative to the first "
     "block after the running-in. Forecast: cycles at which a straight line through the last half of the sections "
-    "reaches the limit, with its 95 % interval."
+    "reaches the limit, with its 95 % interval. In a current program, cycles at the same current are compared; a rule "
+    "shows the current at which its limit is nearest."
 )
 MOST_DRAWN = 2000
 MOST_ROUNDS = 7
@@ -87,7 +88,8 @@ def _counts(test: EnduranceTest) -> Blocks:
 def _rules(test: EnduranceTest) -> Blocks:
     rows = []
     for rule in test.ledger.rules:
-        change, expected = test.ledger.followed(rule)
+        followed = test.ledger.followed(rule)
+        change, expected = followed.change, followed.forecast
         known = change[np.isfinite(change)]  # the last section may have no statistics
         last = float(known[-1]) if known.size else np.nan
         cycles, interval = _forecast(expected)
@@ -133,17 +135,27 @@ def _wear(test: EnduranceTest, display: Display) -> Blocks:
     sections = test.ledger.sections
     if not len(sections):
         return []
-    rows = thinned(len(sections), MOST_DRAWN)
-    cycles, axis = sections.cycle[rows], Axis("Cycles")
-    figures = [
-        Figure(
-            axis, Axis(title, unit), [Trace(cycles, values[rows], Style.POINTS, colour=MEASURED)], WIDTH, HEIGHT, title
-        )
-        for title, unit, values in _columns(sections, display) if np.any(np.isfinite(values))
-    ]
-    figures += list(_rule_figures(test, rows))
+    groups = sections.groups
+    colours = [MEASURED] if len(groups) == 1 else [current_colour(place, len(groups)) for place in range(len(groups))]
+    figures = []
+    for place, (title, unit, values) in enumerate(_columns(sections, display)):
+        if not np.any(np.isfinite(values)):
+            continue
+        traces = []
+        for group, colour in zip(groups, colours, strict=True):
+            rows = thinned(len(group), MOST_DRAWN)
+            own = list(_columns(group, display))[place][2]
+            traces.append(Trace(group.cycle[rows], own[rows], Style.POINTS, colour=colour))
+        figures.append(Figure(Axis("Cycles"), Axis(title, unit), traces, WIDTH, HEIGHT, title))
+    figures += list(_rule_figures(test))
+    medians = [Key("median of a section", MEASURED)]
+    if len(groups) > 1:
+        medians = [
+            Key(f"cycles at {float(np.nanmedian(group.medians['current'])):.3g} A", colour)
+            for group, colour in zip(groups, colours, strict=True)
+        ]
     return [
-        Keys((Key("median of a section", MEASURED), Key("limit", FITTED), Key("forecast", RESIDUAL))),
+        Keys((*medians, Key("limit", FITTED), Key("forecast", RESIDUAL))),
         *_in_rows(figures, "Wear over the cycles"),
     ]
 
@@ -163,11 +175,12 @@ def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, str, F
     yield "Coil temperature", "degC", medians["temperature"]
 
 
-def _rule_figures(test: EnduranceTest, rows: NDArray[np.int64]) -> Iterator[Figure]:
+def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
     """Each relative stop rule: change, limit, and the straight line of the forecast."""
-    cycles = test.ledger.sections.cycle
     for rule in test.ledger.rules:
-        change, expected = test.ledger.followed(rule)
+        sections, change, expected = test.ledger.followed(rule)
+        cycles = sections.cycle
+        rows = thinned(len(sections), MOST_DRAWN)
         if not rule.relative or not np.any(np.isfinite(change)):
             continue
         end = max(float(cycles[-1]), min(float(test.planned), expected.cycles or 0.0))

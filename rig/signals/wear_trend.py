@@ -87,11 +87,13 @@ class Sections:
         cycle: number of the last cycle of each.
         block: number of the block of each.
         medians: by quantity; not-a-number where it cannot be told.
+        group: of the cycles of each: those with the same current, in a current program; 0 at a constant current.
     """
 
     cycle: FloatArray
     block: FloatArray
     medians: Mapping[str, FloatArray]
+    group: NDArray[np.int64]
 
     def __len__(self) -> int:
         return self.cycle.size
@@ -102,30 +104,55 @@ class Sections:
         if not parts:
             return NO_SECTIONS
         medians = {name: np.concatenate([part.medians[name] for part in parts]) for name in QUANTITIES}
-        return cls(np.concatenate([p.cycle for p in parts]), np.concatenate([p.block for p in parts]), medians)
+        cycle, block, group = (
+            np.concatenate(columns) for columns in zip(*((p.cycle, p.block, p.group) for p in parts), strict=True)
+        )
+        return cls(cycle, block, medians, group.astype(np.int64))
+
+    @property
+    def groups(self) -> tuple[Sections, ...]:
+        """The sections of each group; at least one, which may be empty."""
+        numbers = np.unique(self.group)
+        if numbers.size < 2:
+            return (self,)
+        return tuple(self._chosen(np.flatnonzero(self.group == number)) for number in numbers)
+
+    def _chosen(self, rows: NDArray[np.int64]) -> Sections:
+        medians = {name: values[rows] for name, values in self.medians.items()}
+        return Sections(self.cycle[rows], self.block[rows], medians, self.group[rows])
 
 
-NO_SECTIONS = Sections(np.zeros(0), np.zeros(0), dict.fromkeys(QUANTITIES, np.zeros(0)))
+NO_SECTIONS = Sections(np.zeros(0), np.zeros(0), dict.fromkeys(QUANTITIES, np.zeros(0)), np.zeros(0, np.int64))
 
 
-def sections_of(numbers: FloatArray, block: int, statistics: Mapping[str, FloatArray]) -> Sections:
+def sections_of(
+    numbers: FloatArray, block: int, statistics: Mapping[str, FloatArray], groups: NDArray[np.int64] | None = None
+) -> Sections:
     """The sections of the cycles of one block.
 
     Args:
         numbers: of the cycles (k,).
         block: its number.
         statistics: of each cycle (k,), at least `QUANTITIES`.
+        groups: of each cycle (k,), see `rig.signals.program_cycles`; -1: in none. Each group has its own sections.
+            None: one group.
     """
-    count = len(numbers)
-    if count == 0:
+    if groups is None:
+        groups = np.zeros(len(numbers), np.int64)
+    names, sizes = np.unique(groups[groups >= 0], return_counts=True)
+    if not names.size:
         return NO_SECTIONS
-    sections = max(1, min(SECTIONS_A_BLOCK, count // FEWEST_CYCLES))
-    edges = np.linspace(0, count, sections + 1).round().astype(np.int64)
-    medians = {
-        name: np.array([_median(statistics[name][a:b]) for a, b in pairwise(edges)])
-        for name in QUANTITIES
-    }
-    return Sections(np.asarray(numbers, np.float64)[edges[1:] - 1], np.full(sections, float(block)), medians)
+    sections = max(1, min(SECTIONS_A_BLOCK, int(np.min(sizes)) // FEWEST_CYCLES))
+    edges = np.linspace(0, len(numbers), sections + 1).round().astype(np.int64)
+    last = np.asarray(numbers, np.float64)[edges[1:] - 1]
+    parts = []
+    for name in names:
+        medians = {
+            quantity: np.array([_median(statistics[quantity][a:b][groups[a:b] == name]) for a, b in pairwise(edges)])
+            for quantity in QUANTITIES
+        }
+        parts.append(Sections(last, np.full(sections, float(block)), medians, np.full(sections, name, np.int64)))
+    return Sections.joined(parts)
 
 
 def _median(values: FloatArray) -> float:

@@ -258,7 +258,8 @@ class ActionExecutor:
             return
         steps: dict[str, Any] = {}
         if point.current_programmed:
-            steps["current"] = {"time_s": list(point.steps_s), "current_A": list(point.steps_A)}
+            count = sum(at_s < point.motion_s for at_s in point.steps_s)  # what is left of a block may be shorter
+            steps["current"] = {"time_s": list(point.steps_s[:count]), "current_A": list(point.steps_A[:count])}
         if point.record_samples is not None:
             self._requests.ask(Request.START, signal=signal_order(point, point.record_samples), **steps)
             return

@@ -29,6 +29,7 @@ from rig.signals.cycle_statistics import (
     cycle_statistics,
     repeated_bounds,
 )
+from rig.signals.program_cycles import RepeatedProgram
 from rig.test_point import TestPoint
 
 SAMPLES_AT_ONCE = 200_000
@@ -42,6 +43,10 @@ MOST_WITHOUT_CYCLES = 100_000
 """Samples kept of a block without a full cycle: its last ones."""
 SPARE_SAMPLES = 64
 """Kept beside a part of the samples, for differences at its edges."""
+
+PROGRAM_CYCLE = "program_cycle"
+PROGRAM_UNITS = {PROGRAM_CYCLE: ("1", "Cycle of the current program, from 1")}
+"""Only of a block with a current program."""
 
 Windows = list[tuple[float, float]]
 """Times (s) of the file whose samples are kept."""
@@ -77,7 +82,15 @@ def reduced(
         cycles_run=run, cycles_recorded=recorded, finished=finished,
         unseen_cycles=step.unseen_cycles if cut_off and step is not None else 0,
     )
-    table = CycleTable(numbers.astype(np.int64), statistics, UNITS)
+    units = UNITS
+    if step is not None and step.program_cycles and point.record is None:
+        program = RepeatedProgram.of_steps(
+            point.steps_s, point.steps_A, point.frequency_Hz, point.ramp_in_cycles, step.program_cycles
+        )
+        in_motion = np.cumsum(bounds.cycles) - 1
+        statistics = statistics | {PROGRAM_CYCLE: program.places(in_motion, statistics["current"])}
+        units = {**UNITS, **PROGRAM_UNITS}
+    table = CycleTable(numbers.astype(np.int64), statistics, units)
     windows = _windows(statistics, numbers, 1 if step is None else max(1, step.keep_every), alignment, cut=not finished)
     verdict = quality.verdict
     if finished and recorded == run:  # what came after its last cycle takes nothing from it

@@ -202,11 +202,11 @@ def _current_error_A(
     """How far the measured current was off: of its level, of each of its steps, or of what was commanded meanwhile."""
     if point.at_rest:
         return steps_error_A(seen.time_s, seen.current_A, point.steps_A, 1.0 / point.frequency_Hz)
-    if point.current_programmed:
+    if point.current_programmed and point.kind != ENDURANCE:  # of a block only the last cycles are seen
         error_A = program_error_A(seen.time_s, seen.current_A, point.steps_A, point.steps_s)
         if error_A is not None:
             return error_A
-    elif not point.current_by_law:
+    elif not point.current_by_law and not point.current_programmed:
         return loop_error_A(seen.time_s, seen.current_A, point.current_A, starts)
     commands = alignment.timed.get("commanded_current")
     if commands is None:

@@ -119,3 +119,54 @@ def test_a_plan_of_many_blocks_checks_equal_motions_once(tmp_path: Path) -> None
     blocks = [item for item in planned.points if item.point.kind == ENDURANCE]
     assert len(blocks) == 1500
     assert len({id(item.peaks) for item in blocks}) <= 3
+
+
+PROGRAM = 'current_program = [["0 s", "0.2 A"], ["2 s", "1 A"]]\ncurrent_period = "4 s"\n'
+
+
+def test_a_current_program_is_repeated_through_each_block(tmp_path: Path) -> None:
+    """16 cycles of 4 Hz: the first step is 8 cycles after the first full cycle, which begins at 0.25 s."""
+    matrix = load(tmp_path, QUICK + TEST.replace('current = "1 A"\n', PROGRAM))
+    block = next(point for point in matrix.points() if point.kind == ENDURANCE)
+    assert block.steps_s[:4] == (0.0, 2.25, 4.25, 6.25)
+    assert block.steps_A[:4] == (0.2, 1.0, 0.2, 1.0)
+    assert block.steps_s[-1] < block.motion_s
+    assert block.endurance is not None
+    assert (block.current_A, block.first_current_A, block.endurance.program_cycles) == (1.0, 0.2, 16)
+    planned = plan(matrix, Bench.load(ROOT / "examples" / "demo-bench.toml"))
+    assert planned.feasible
+    low = QUICK.replace("[specimen]", '[specimen]\nmax_current = "0.5 A"')
+    low += TEST.replace('current = "1 A"\n', PROGRAM)
+    refused = plan(load(tmp_path, low), Bench.load(ROOT / "examples" / "demo-bench.toml"))
+    assert not any(item.feasible for item in refused.points if item.point.kind == ENDURANCE)
+
+
+def test_blocks_have_no_more_steps_than_a_program_can_have(tmp_path: Path) -> None:
+    text = TEST.replace('current = "1 A"\n', PROGRAM.replace("2 s", "0.5 s").replace("4 s", "1 s"))
+    text = text.replace("block = 150\n", "").replace("cycles = 1000", "cycles = 100000").replace("400", "50000")
+    blocks = [point for point in load(tmp_path, QUICK + text).points() if point.kind == ENDURANCE]
+    assert max(len(point.steps_s) for point in blocks) <= 2000
+    (test,) = load(tmp_path, QUICK + text).endurance
+    assert test.most_in_a_block == 2400
+
+
+@pytest.mark.parametrize(
+    ("program", "expected"),
+    [
+        ("", "specify current or current_program"),
+        (PROGRAM.replace("4 s", "4.1 s"), "16.4 cycles at 4 Hz; cycles of the same current are compared"),
+        (PROGRAM + 'current = "1 A"\n', "current_program is also specified"),
+        (PROGRAM.splitlines()[0] + "\n", "current_period: missing"),
+        (PROGRAM.replace("0 s", "1 s"), "required: 0 s"),
+        (PROGRAM.replace("2 s", "5 s"), "not later than the last step"),
+        (PROGRAM.replace("1 A", "0.2 A"), "only one current"),
+        (PROGRAM.replace("4 s", "50 s"), "do not fit a block"),
+        (PROGRAM.replace("2 s", "20 ms").replace("4 s", "0.25 s"), None),
+    ],
+)
+def test_a_wrong_current_program_is_named(tmp_path: Path, program: str, expected: str | None) -> None:
+    text = QUICK + TEST.replace('current = "1 A"\n', program)
+    if expected is None:
+        assert load(tmp_path, text).endurance[0].program is not None
+    else:
+        assert expected in problems(tmp_path, text)

@@ -15,6 +15,7 @@ from rig.recording.conversion.delay_correction import retime
 from rig.recording.endurance import BlockPiece, EnduranceLedger, ledgers_of, read_piece, read_pieces
 from rig.recording.hdf5.reading import check_values, read_cycles
 from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fields
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.results.content import content_of
@@ -183,6 +184,7 @@ def test_a_copied_file_is_counted_once(whole: Path, tmp_path: Path) -> None:
 def piece(number: int, before: int, run: int, force_N: float, unseen: int = 0) -> BlockPiece:
     sections = replace(
         NO_SECTIONS, cycle=np.array([float(before + run)]), block=np.array([float(number)]),
+        group=np.zeros(1, np.int64),
         medians={name: np.array([force_N]) for name in NO_SECTIONS.medians},
     )
     step = EnduranceStep("wear", before, 300, number, 100, 10)
@@ -209,3 +211,15 @@ def test_pieces_are_sorted_into_their_tests_in_any_order() -> None:
     ledger = ledgers_of(pieces, {"wear": ((stop_rule("force_down", 0.2),), 0)})["wear"]
     assert ledger.sections.cycle.tolist() == [100.0, 200.0, 300.0]
     assert ledger.reached == "force_down"
+
+
+def test_the_attributes_of_a_block_state_its_program_and_older_files_have_none() -> None:
+    step = STEP._replace(program_cycles=16)
+    point = TestPoint(
+        "b", "sine", 0.01, 4.0, 1.0, kind=ENDURANCE, steps_A=(0.2, 1.0), steps_s=(0.0, 2.25), endurance=step
+    )
+    attributes = attributes_of(point, NOT_STATED)
+    assert point_fields(attributes)["endurance"] == step
+    assert "endurance_program_cycles" not in attributes_of(replace(point, endurance=STEP), NOT_STATED)
+    del attributes["endurance_program_cycles"]
+    assert point_fields(attributes)["endurance"] == STEP

@@ -32,7 +32,8 @@ def loop(name: str, force_N: float, step: EnduranceStep | None) -> RecordedPoint
 def worn(force_N: np.ndarray, unseen: int = 0) -> EnduranceTest:
     """A test whose peak force is given at every 10 cycles (n,) of its only block."""
     cycle = 10.0 * np.arange(1, len(force_N) + 1)
-    sections = Sections(cycle, np.ones(len(force_N)), {name: force_N.copy() for name in QUANTITIES})
+    sections = Sections(cycle, np.ones(len(force_N)), {name: force_N.copy() for name in QUANTITIES},
+                        np.zeros(len(force_N), np.int64))
     step = EnduranceStep("wear", 0, 1000, 1, 200, 10)
     ledger = EnduranceLedger("wear", (stop_rule("force_down", 0.2),))
     ledger.add(BlockPiece("wear-b1", step, 200, 195, unseen, "suspect", sections, "wear-b1.h5"))

@@ -56,7 +56,7 @@ def test_a_rule_measures_the_change_toward_its_limit(
     rule: str, limit: float, values: dict[str, float], expected: float
 ) -> None:
     last = {name: np.array([values.get(name, 1000.0)]) for name in QUANTITIES}
-    sections = Sections(np.array([10.0]), np.array([1.0]), last)
+    sections = Sections(np.array([10.0]), np.array([1.0]), last, np.zeros(1, np.int64))
     baseline = {name: -1000.0 if name == "force_min" else 1000.0 for name in QUANTITIES}
     assert changes(stop_rule(rule, limit), sections, baseline)[0] == pytest.approx(expected)
 
@@ -68,7 +68,8 @@ def test_every_rule_is_known() -> None:
 
 
 def test_a_rule_on_what_cannot_be_told_says_nothing() -> None:
-    nothing = Sections(np.array([10.0]), np.array([1.0]), {name: np.array([np.nan]) for name in QUANTITIES})
+    unknown = {name: np.array([np.nan]) for name in QUANTITIES}
+    nothing = Sections(np.array([10.0]), np.array([1.0]), unknown, np.zeros(1, np.int64))
     change = changes(stop_rule("friction_up", 0.5), nothing, dict.fromkeys(QUANTITIES, np.nan))
     assert np.isnan(change[0])
     assert not change[0] >= 0.5
@@ -149,3 +150,17 @@ def test_a_forecast_is_never_in_the_past() -> None:
             assert expected.cycles is not None
             assert expected.high is not None
             assert cycle[-1] <= expected.low <= expected.cycles <= expected.high
+
+
+def test_cycles_of_a_current_program_are_compared_with_those_of_the_same_current() -> None:
+    """The force at the low current falls to 70 % while that at the high current stays."""
+    numbers, groups = np.arange(1, 161), np.tile([0, 1, -1, 1], 40)
+    force_N = np.where(groups == 0, np.linspace(100.0, 70.0, 160), np.where(groups == 1, 1000.0, 5.0))
+    sections = sections_of(numbers, 1, statistics(160, force_max=force_N, force_min=-force_N), groups)
+    low, high = sections.groups
+    assert (len(low), len(high)) == (4, 4)
+    assert high.medians["force_max"] == pytest.approx(1000.0)
+    rule = stop_rule("force_down", 0.1)
+    assert changes(rule, high, baseline_of(high, 0))[-1] == pytest.approx(0.0)
+    baseline = {name: abs(float(values[0])) for name, values in low.medians.items()} | {"force_min": -96.0}
+    assert changes(rule, low, baseline)[-1] > 0.2
