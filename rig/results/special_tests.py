@@ -94,6 +94,6 @@ def _of_endurance(test: EnduranceTest) -> Values:
     if ledger.reached:
         values[cycles_to(ledger.reached)] = _exact(cycles)
     for name in RULES if len(ledger.sections) else ():
-        change, _ = ledger.followed(stop_rule(name, 1.0))  # the limit does not affect the change
+        change = ledger.followed(stop_rule(name, 1.0)).change  # the limit does not affect the change
         values[wear(name)] = _exact(float(change[-1]))
     return values
