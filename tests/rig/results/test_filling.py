@@ -100,7 +100,8 @@ def test_hybrid_tests_and_the_rule_that_ended_an_endurance_test_are_rows(
     made("r1")
     hybrid = HybridTest("p001", "delay", "passive", "valid", None, Assessment(0.02, 0.03, None, {}), {"delay_s": 0.012})
     ledger = SimpleNamespace(
-        test="e", cycles_run=4000, reached="force_down", sections=(1,), followed=lambda rule: ([0.1, rule.limit], None)
+        test="e", cycles_run=4000, reached="force_down", sections=(1,),
+        followed=lambda rule: SimpleNamespace(change=[0.1, rule.limit]),
     )
     block = SimpleNamespace(id="p001")
     monkeypatch.setattr(special_tests, "hybrid_tests", lambda _run: (hybrid,))
