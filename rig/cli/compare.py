@@ -64,8 +64,8 @@ def command(
     Use this command to compare a damper before and after an endurance test, to compare two specimens, or to check one
     specimen against its tolerances. Only valid points are used. Motions tested in both runs are compared in terms of
     force at peak velocity, energy, damping and dynamic range; fits are compared in terms of their parameters. With
-    --bands, more than 12 runs (up to 1,000) are listed with their verdicts. With --make-bands, the acceptance bands
-    are made from golden runs instead.
+    --bands, up to 1,000 runs are allowed; more than 12 runs are listed only with their verdicts. With --make-bands,
+    the acceptance bands are made from golden runs instead.
     """
     if bands_file is not None:
         other = bands is not None or out is not None or on_paper or everything

@@ -80,8 +80,8 @@ OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface"
 def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     """Write bench.toml, matrix.toml and their JSON schemas into DIR; existing files are kept.
 
-    Without --yes, the command asks questions on a terminal. Both files are valid as written: `rig plan` and
-    `rig run --simulate` accept them.
+    Without --yes, the command asks for each value if it is run in a terminal. Both files are valid as written:
+    `rig plan` and `rig run --simulate` accept them.
     """
     answers = {question.key: given.get(question.key) or "" for question in QUESTIONS}
     _check_names(answers)

@@ -44,7 +44,7 @@ MOST_SHOWN = 20
 @click.option("--date", metavar="DATE", help="Start date (UTC): 2026, 2026-11, 2026-11-23 or a range FIRST:LAST.")
 @click.option("--quantity", multiple=True, metavar="NAME",
               help="Quantity, such as rebound_force, or a fitted parameter (repeatable; * and ? are wildcards).  "
-                   "[default: all values of the damper without a model]")
+                   "[default: all damper values that are measured without a model]")
 @click.option("--matrix", metavar="TEXT", help="Name of the matrix file.")
 @click.option("--station", metavar="TEXT", help="Name of the station.")
 @click.option("--operator", metavar="TEXT", help="Name of the operator.")
@@ -73,7 +73,8 @@ def command(
     if limits are stated. golden: a golden damper against its own history, and what has drifted: force, displacement,
     current, temperature or the damper. gauge: repeatability and reproducibility by the analysis of variance.
 
-    Terminal and page use the units of [display] of the newest run; --json, and values from a server, are in SI units.
+    The terminal and the page use the units of [display] of the newest run. JSON output and values from a server are
+    in SI units.
 
     The exit code is 8 if a chart signals after phase I, or the golden damper signals on its last day.
     """

@@ -48,7 +48,7 @@ def command(
     runs: tuple[Path, ...], out: Path | None, model: str, no_fit: bool, again: bool, scheduler: str | None,
     as_json: bool,
 ) -> int:  # fmt: skip
-    """Analyse RUNS again: align the received samples, and make verdicts, characteristics, fit and report.
+    """Analyse RUNS again: align the received samples, and regenerate the verdicts, characteristics, fit and report.
 
     The originals are not changed. Each result is written to RUN/reanalysed/DATE-VERSION, which is a complete run:
     other commands accept it, for example as RUN/reanalysed/last. The command lists the differences from the original

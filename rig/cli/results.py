@@ -52,7 +52,7 @@ WIDE = 110
 )
 @click.option("--deliver", is_flag=True, help="Deliver all campaigns that the server does not have. The default server "
               "is that of the RIG_RESULTS variable or the newest run's bench file.")
-@click.option("--rebuild", is_flag=True, help="Make the database again from the run directories.")
+@click.option("--rebuild", is_flag=True, help="Rebuild the database from the run directories.")
 @click.option("--csv", "csv_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
               help="Write the selected values to a CSV file.")  # fmt: skip
 @click.option("--specimen", metavar="TEXT", help="Serial number; * and ? are wildcards, here and below.")

@@ -411,7 +411,7 @@ class BenchControl:
                           "cannot show a verdict.")  # fmt: skip
         if line["serial"] and not Pattern(line["serial"]).fullmatch(serial_number):
             raise Refusal("bad-serial-number", f"{serial_number}: not a serial number of this line; expected "
-                          f"{line['serial']} ([line] serial in the matrix file). Scan the code of the specimen.")
+                          f"{line['serial']} ([line] serial in the matrix file). Scan the code on the specimen.")
         last = self.history.runs[0] if self.history.runs else None
         if last is not None and message.get("after") != last["name"] and (
             last["ended"] in {"stopped", "interrupted"} or last["rig_state"] == "unknown"

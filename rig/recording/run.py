@@ -170,7 +170,7 @@ class Run:
                     "run[0]")
             known = [point.id for point in self.points]
             shown = known if near_names(place, known) else known[:MOST_IDS]
-            raise NoSuchEntry(f"run: got the point {place!r}; {meant(place, shown)}")
+            raise NoSuchEntry(f"run: received the point {place!r}; {meant(place, shown)}")
         try:
             return self.points[operator.index(place)]
         except IndexError:

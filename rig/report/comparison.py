@@ -139,7 +139,7 @@ def _peak_velocity(compared: Comparison, names: Sequence[str]) -> Blocks:
         return []
     keys = tuple(Key(name, current_colour(index, len(names))) for index, name in enumerate(names))
     note = "One point for each motion and direction; the lines connect the points."
-    return [*section("Force at peak velocity of all runs", note), Keys(keys), Cards(tuple(cards))]
+    return [*section("Force at peak velocity for all runs", note), Keys(keys), Cards(tuple(cards))]
 
 
 def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:

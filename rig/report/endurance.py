@@ -36,8 +36,8 @@ NOTE = (
     "The specimen was cycled in blocks; the points of the matrix were repeated between them. Statistics are kept of "
     "every cycle. Each point of the plots is the median of a section of a block. Changes are relative to the first "
     "block after the running-in. Forecast: cycles at which a straight line through the last half of the sections "
-    "reaches the limit, with its 95 % interval. In a current program, cycles at the same current are compared; a rule "
-    "shows the current at which its limit is nearest."
+    "reaches the limit, with its 95 % interval. In a current program, cycles at the same current are compared; each "
+    "rule shows the current at which it is closest to its limit."
 )
 MOST_DRAWN = 2000
 MOST_ROUNDS = 7

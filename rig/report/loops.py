@@ -65,9 +65,10 @@ class Overlays:
 def overlays(views: Sequence[PointView]) -> Overlays:
     """Force over displacement and over velocity for each motion, one colour for each current.
 
-    Of many motions, evenly many between the slowest and the fastest are on the first pages.
+    Of many motions, evenly many between the slowest and the fastest are on the first pages. Points during or after an
+    endurance test are in its own section: they show wear, which no colour here distinguishes.
     """
-    drawn = [view for view in views if view.loop is not None]
+    drawn = [view for view in views if view.loop is not None and view.point.endurance is None]
     if not drawn:
         return Overlays()
     display, currents = drawn[0].display, levels_of(drawn)

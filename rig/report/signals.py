@@ -34,7 +34,8 @@ NOTE = (
     "target about its mean. The fitted model is simulated freely from the beginning of the motion."
 )
 FORCE_NOTE = (
-    "Of a force target, tracking error, delay and span are those of the force, without the difference of the means."
+    "For a force target, the tracking error, delay and span are those of the force, without the difference between "
+    "the means."
 )
 SHOWN_S = 2.0
 """Of rod and target, about the middle: a longer time is not legible."""

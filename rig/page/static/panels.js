@@ -82,7 +82,7 @@ function legends() {
   selected.forEach((one, place) => { if (one) { const [item, swatch] = chip(one.name, ""); swatch.style.borderColor = `var(--overlay-${place + 1})`; list.append(item); } });
   if (bounded) list.append(chip("outside limits", "limits")[0]);
   if (QUANTITIES.force.sign < 0) list.append(element("li", "compression is positive"));
-  for (const [name, kind] of [["force, displacement, current, coil", "now"], ["displacement of the controller, commanded current, ECU", "dashed"]]) strip.append(chip(name, kind)[0]);
+  for (const [name, kind] of [["force, displacement, current, coil", "now"], ["displacement from the controller, commanded current, ECU", "dashed"]]) strip.append(chip(name, kind)[0]);
 }
 
 function lamps() {
@@ -190,6 +190,6 @@ function buttons() {
   for (const [id, yes] of Object.entries(pressable)) if (by_id(id).disabled === Boolean(yes)) by_id(id).disabled = !yes;
   by_id("start").textContent = state.paused && !state.held ? "Resume" : "Start";
   by_id("ask").hidden = !asked;
-  if (asked) { by_id("question").textContent = `To do: ${question(asked)}.`; by_id("set").textContent = asked.current_A ? `${asked.current_A.toFixed(2)} A is set` : "0 A is set, output off"; by_id("set").dataset.number = asked.number; }
+  if (asked) { by_id("question").textContent = `To do: ${question(asked)}.`; by_id("set").textContent = asked.current_A ? `${asked.current_A.toFixed(2)} A is set` : "0 A is set and the output is off"; by_id("set").dataset.number = asked.number; }
   for (const id of ["start", "pause", "take", "keep", "set"]) by_id(id).hidden = standing.role === "viewer" || (id === "take" && standing.mine);
 }

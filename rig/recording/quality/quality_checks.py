@@ -119,9 +119,10 @@ def examine(
     if motion is not None:
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
-        if not point.current_programmed:  # its cycles differ by the current
-            shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
-    peak = peak_force(seen.time_s[inside], seen.force_N[inside], None if motion is None else starts)
+    alike = motion is not None and not point.current_programmed  # else its cycles differ by the current
+    if alike:
+        shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
+    peak = peak_force(seen.time_s[inside], seen.force_N[inside], starts if alike else None)
     frequency_Hz = point.frequency_Hz
     if point.kind == ENDURANCE:  # that its force changes is its result
         shape = None

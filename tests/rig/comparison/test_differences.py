@@ -170,7 +170,7 @@ def test_terminal_page_and_json_state_one_median(
     assert line.split()[3] == "-7"
     page = comparison_page(compared)
     assert f"\N{MINUS SIGN}{-energy:.3g} %" in page
-    assert page.index("Force at peak velocity of all runs") < page.index("Loops of all runs")
+    assert page.index("Force at peak velocity for all runs") < page.index("Loops of all runs")
     (figure,) = _peak_velocity_figures(compared)
     curves = [trace for trace in figure.traces if trace.style is Style.MEASURED]
     assert [len(curve.x) for curve in curves] == [2] * 4, "rebound and compression of two runs at two velocities"
