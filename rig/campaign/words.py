@@ -109,8 +109,9 @@ MESSAGES = {
     "identifying": "{point}: identifying the response of the machine with noise",
     "response-identified": "{point}: response identified: coherent at {band}, delay {delay_ms:.3g} ms",
     "kept-drive": "{point}: the iteration starts from a stored command",
-    "iterated": "{point}: iteration {number}: RMS error {percent:.3g} % of the target",
-    "converged": "{point}: iteration {number}: RMS error {percent:.3g} % of the target; within tolerance",
+    "iterated": "{point}: iteration {number}: RMS error {percent:.3g} % of the target, delay {delay_ms:.3g} ms",
+    "converged": "{point}: iteration {number}: RMS error {percent:.3g} % of the target, delay {delay_ms:.3g} ms; "
+    "within tolerance",
     "iteration-ended": "{point}: {why}",
     "no-command": "no command could be calculated from the trial",
     "no-rod": "the trial was not recorded completely, so no command could be calculated from it",

@@ -115,7 +115,8 @@ def iterated_note(point: TestPoint, drive: SignalDrive) -> act.Note:
     name, values = "identifying", dict[str, object]()
     if drive.trials:
         name = "converged" if drive.outcome == CONVERGED else "iterated"
-        values = {"number": drive.trials[-1].number, "percent": 100.0 * drive.trials[-1].error}
+        trial = drive.trials[-1]
+        values = {"number": trial.number, "percent": 100.0 * trial.error, "delay_ms": 1e3 * trial.delay_s}
     elif drive.response is not None:
         band_Hz = drive.response.band_Hz
         name = "response-identified" if drive.start == TARGET else "kept-drive"
