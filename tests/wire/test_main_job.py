@@ -107,7 +107,7 @@ def test_every_point_is_valid_and_the_rig_is_safe(job: Job) -> None:
 def test_the_result_has_the_documented_keys(job: Job) -> None:
     keys = {
         "campaign", "points", "valid", "total", "rig_state", "stopped_by", "wall_s", "motion_s",
-        "start_temperature_degC", "waits", "findings", "stop", "confirmed", "setpoints",
+        "start_temperature_degC", "waits", "findings", "stop", "confirmed", "setpoints", "endurance",
     }  # fmt: skip
     answer = json.loads(json.dumps(job.result.to_json()))
     assert set(answer) == keys

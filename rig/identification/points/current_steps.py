@@ -10,15 +10,19 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed, RigError, evaluating
-from rig.identification.points.response_steps import ResponseTest, response_tests
 from rig.optimisers.least_squares import Descent, Squares, descend
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.estimate import Estimate, pooled
+from rig.test_point import RESPONSE
+
+if TYPE_CHECKING:
+    from rig.identification.points.response_steps import ResponseTest
 
 DESCENT = Descent(1e-14, iterations=60, more=4.0, most_damping=1e10)
 LARGEST_LOGARITHM = 20.0  # of eta: beyond it a search has diverged
@@ -74,7 +78,7 @@ def lag_of(
         response: results of the response points among them; None: they are made here.
     """
     if response is None:
-        response, _ = response_tests(points)
+        response = _response_of(points)
     lags, refused = [lag for test in response if (lag := _in_motion(test)) is not None], list[str]()
     for point in points:
         if not point.at_rest:
@@ -103,6 +107,15 @@ def lag_of(
         steps=sum(lag.steps for lag in lags), in_motion=sum(lag.in_motion for lag in lags),
         behind_s=None if behind is None else (behind.value, behind.std),
     ), refused
+
+
+def _response_of(points: Sequence[RecordedPoint]) -> Sequence[ResponseTest]:
+    if not any(point.kind == RESPONSE for point in points):
+        return ()
+    # loads scipy: other fits do not need it
+    from rig.identification.points.response_steps import response_tests
+
+    return response_tests(points)[0]
 
 
 def _in_motion(test: ResponseTest) -> CurrentLag | None:
