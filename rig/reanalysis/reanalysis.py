@@ -13,6 +13,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from pathlib import Path
 
 import rig
@@ -100,7 +101,7 @@ def reanalyse(run: Path | str, options: ReanalysisOptions | None = None) -> Rean
     parent = folder.reanalysed if options.out is None else options.out.absolute() / folder.path.name
     if not options.again and (done := _up_to_date(parent, inputs)) is not None:
         return Reanalysis(folder.path, done, up_to_date=True, software=version.described())
-    final = parent / f"{utc_now():%Y%m%dT%H%M%SZ}-{rig.__version__}"
+    final = _free(parent)
     size = sum(point.path.stat().st_size for point in _all_points(original) if point.path is not None)
     if options.out is not None:
         _check_out(options.out)
@@ -110,6 +111,14 @@ def reanalyse(run: Path | str, options: ReanalysisOptions | None = None) -> Rean
         record = {**made.to_json(), "inputs_sha256": inputs}
         write_text_durably(CampaignFolder(stage).reanalysis, json.dumps(record, indent=1, allow_nan=False) + "\n")
     return made
+
+
+def _free(parent: Path) -> Path:
+    """The folder of a new result: two results within a second have different names, in their order."""
+    at = utc_now()
+    while (final := parent / f"{at:%Y%m%dT%H%M%SZ}-{rig.__version__}").exists():
+        at += timedelta(seconds=1)
+    return final
 
 
 def _check_out(out: Path) -> None:

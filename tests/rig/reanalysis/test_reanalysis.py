@@ -17,6 +17,7 @@ from in_process import rig
 from rig import reanalysis, version
 from rig.campaign.setup import described
 from rig.campaign_folder import run_path
+from rig.clock import utc_now
 from rig.comparison import compare
 from rig.errors import FileProblem, Refused
 from rig.fits.fit_record import FitRecord
@@ -114,6 +115,8 @@ def test_the_same_version_changes_nothing_and_does_not_repeat_its_work(
 ) -> None:
     run = Path(shutil.copytree(present, tmp_path / "run"))
     monkeypatch.setattr(version, "described", lambda: "1.2.3 (commit abc)")
+    now = utc_now()
+    monkeypatch.setattr("rig.reanalysis.reanalysis.utc_now", lambda: now)  # both results in the same second
     same = reanalyse(run, NO_FIT)
     assert (same.changed, same.changed_points, same.characteristics, same.fit) == (False, (), (), ())
     done = reanalyse(run)
@@ -121,6 +124,7 @@ def test_the_same_version_changes_nothing_and_does_not_repeat_its_work(
     (run / "matrix.toml").write_text("format = 1\n# another\n")
     monkeypatch.setattr("rig.reanalysis.reanalysis._made", lambda *_: same)
     assert not reanalyse(run).up_to_date
+    assert len({folder.name for folder in (run / "reanalysed").iterdir()}) == 2
 
 
 def test_a_changed_rule_and_a_changed_definition_are_told_apart(present: Path, tmp_path: Path) -> None:
