@@ -71,7 +71,7 @@ def test_force_travel_and_current_come_from_one_foreign_device(tmp_path: Path) -
     finally:
         for process in reversed(processes):
             process.send_signal(signal.SIGINT)
-            process.wait(20.0)
+            process.communicate(timeout=20.0)  # closes its pipe, too
     answer = json.loads(done.stdout)
     assert done.returncode in {0, 5}, done.stderr  # 5: a sample was late on a busy machine
     assert answer["rig_state"] == "safe"
