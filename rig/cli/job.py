@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
-import signal
 import subprocess
 import tempfile
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 from drivers.processes import own_program
 from rig.campaign.campaign import run_campaign
 from rig.campaign_folder import CampaignFolder
+from rig.cli.hangups import hangups_interrupt
 from rig.cli.junit import JUnitDisplay, JUnitReport
 from rig.cli.output import status_line
 from rig.cli.words import error_words
@@ -183,23 +181,6 @@ class LineParts:
     display: Callable[[Display], Display]
 
 
-@contextmanager
-def hangups_interrupt() -> Iterator[None]:
-    """While the block runs, the end of the terminal or SIGTERM interrupts it as Ctrl-C does.
-
-    A campaign has handlers of its own while it lasts; before and after it the rig is at rest.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGHUP, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def run_job(
     options: CampaignOptions, identify: Identify | None, console: Console, live: RunLink | None = None,
     junit: JUnitReport | None = None, line: LineParts | None = None,
@@ -251,11 +232,13 @@ def run_job(
 
 def _specimen(run: Path, answer: Mapping[str, Any]) -> SpecimenResult | None:
     """The verdict on the specimen in the answer of the analyst."""
-    from rig.comparison.specimen import SpecimenResult  # loads numba: only after a run
-
     if "specimen" not in answer:
         return _untested(run, str(answer["report_error"]))
-    return None if answer["specimen"] is None else SpecimenResult.from_json(answer["specimen"])
+    if answer["specimen"] is None:
+        return None
+    from rig.comparison.specimen import SpecimenResult  # loads numba: only where there are bands
+
+    return SpecimenResult.from_json(answer["specimen"])
 
 
 def _untested(run: Path, reason: str) -> SpecimenResult | None:

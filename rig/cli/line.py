@@ -12,6 +12,7 @@ import click
 
 from rig.bench.server_address import ADDRESS_VARIABLE
 from rig.cli.delivering import WAIT_S, ServerAddress, delivery_to
+from rig.cli.hangups import hangups_interrupt
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.clock import utc_now
@@ -84,7 +85,7 @@ def command(
     _check_usage(bench, speed, simulator_args, simulate=simulate)
     # loads numpy and pyserial: not needed for the help
     from rig.cli.analysis_check import check_analysis, check_specimen
-    from rig.cli.job import Analyst, hangups_interrupt
+    from rig.cli.job import Analyst
     from rig.cli.line_entries import Entries
     from rig.cli.line_session import LineSession
     from rig.cli.run import following, rig_of, specimens_of

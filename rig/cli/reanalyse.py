@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.job import hangups_interrupt
+from rig.cli.hangups import hangups_interrupt
 from rig.cli.options import Command, RunPath, json_option, scheduler_option
 from rig.cli.output import console, job_bar, kept_after_stop, say, show, shown_path, write_json
 from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, Row, table

@@ -13,6 +13,7 @@ import click
 from rig.bench.server_address import ADDRESS_VARIABLE
 from rig.campaign_folder import CampaignFolder
 from rig.cli.delivering import ServerAddress, address_of_run, delivery_to
+from rig.cli.hangups import hangups_interrupt
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.junit import junit_option, junit_report, take_campaign, take_specimen
 from rig.cli.options import Command, ResumedRun, RunPath, json_option, out_option
@@ -197,9 +198,6 @@ def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
 
 def _stay(live: RunLink, result: JobResult) -> None:
     """Wait with the page until an operator closes it or the terminal is closed."""
-    # loads numpy and pyserial: not needed for the help
-    from rig.cli.job import hangups_interrupt
-
     with hangups_interrupt():
         live.stay(result.campaign)
 
