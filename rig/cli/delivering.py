@@ -9,9 +9,9 @@ import select
 import subprocess
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import click
 
@@ -20,6 +20,10 @@ from rig.bench.server_address import ADDRESS_VARIABLE, checked_address, server_n
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 
+if TYPE_CHECKING:
+    from rig.bench.model import Bench
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 WAIT_S = 3.0
 """The application waits so long for the state of the delivery, which goes on without it."""
 
@@ -35,6 +39,20 @@ class ServerAddress(click.ParamType[str]):
             return checked_address(value)
         except ValueError as problem:
             self.fail(str(problem), param, ctx)
+
+
+def results_option(when: str) -> Callable[[Command], Command]:
+    """The option of a command that delivers its results; `when` says after what."""
+    return click.option(
+        "--results", "results_url", type=ServerAddress(), metavar="URL", envvar=ADDRESS_VARIABLE, show_envvar=True,
+        help=f"Deliver the results to this PostgreSQL server (postgresql://USER@HOST/DATABASE) {when}. Default: "
+             "`url` in [results] of the bench file.",
+    )
+
+
+def address_for(given: str | None, bench: Bench | None) -> str | None:
+    """The address that was given, else that in the bench file; None if there is none."""
+    return bench.results.url if given is None and bench is not None and bench.results is not None else given
 
 
 class Delivery:
@@ -54,7 +72,7 @@ class Delivery:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """End a process that was given nothing to deliver; another one finishes its delivery by itself."""
+        """End a process that was given nothing to deliver; another one finishes its delivery."""
         if not self._delivers:
             self._process.kill()
             self._process.wait()

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.bench.server_address import ADDRESS_VARIABLE
-from rig.cli.delivering import WAIT_S, ServerAddress, delivery_to
+from rig.cli.delivering import WAIT_S, address_for, delivery_to, results_option
 from rig.cli.hangups import hangups_interrupt
-from rig.cli.options import Command, json_option, out_option
+from rig.cli.options import Command, bench_option, json_option, out_option, seed_option, speed_option
 from rig.cli.output import console, show, write_json
+from rig.cli.run import check_usage, following, rig_of, specimens_of
 from rig.clock import utc_now
 from rig.errors import EXIT_STOPPED, EXIT_UNKNOWN_STATE, FileProblem, RigError, UnknownRigState
 
@@ -50,27 +50,20 @@ MARGIN = 2
 )
 @click.argument("matrix", type=click.Path(path_type=Path))
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
-@click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
+@bench_option
 @click.option("--simulate", is_flag=True, help="Test simulated specimens on a simulated rig (with the devices in the "
                                                "--bench file).")
-@click.option(
-    "--speed", type=click.FloatRange(0.01, 1000.0), help="With --simulate: simulated seconds per real second. The "
-    "default is 1."
-)
-@click.option("--seed", type=click.IntRange(0), default=0, help="With --simulate: random seed for the simulated rig.")
+@speed_option
+@seed_option
 @click.option("--reader", metavar="PORT", help="Serial port of a barcode reader. Readers in keyboard mode need no "
                                                "option.")
-@click.option(
-    "--results", "results_url", type=ServerAddress(), metavar="URL", envvar=ADDRESS_VARIABLE, show_envvar=True,
-    help="Deliver the results to this PostgreSQL server (postgresql://USER@HOST/DATABASE) after each test. Default: "
-         "`url` in [results] of the bench file.",
-)
+@results_option("after each test")
 @click.option("--no-identify", is_flag=True, help="Record and evaluate only; ignore [identify] in the matrix file.")
 @out_option
 @json_option
 def command(
-    matrix: Path, simulator_args: tuple[str, ...], bench: Path | None, simulate: bool, speed: float | None, seed: int,
-    reader: str | None, results_url: str | None, no_identify: bool, out: Path, as_json: bool,
+    matrix: Path, simulator_args: tuple[str, ...], bench: Path | None, simulate: bool, speed: float | None,
+    seed: int | None, reader: str | None, results_url: str | None, no_identify: bool, out: Path, as_json: bool,
 ) -> int:
     """Test one specimen after another with MATRIX; each test is started by the serial number of the specimen.
 
@@ -82,19 +75,16 @@ def command(
     eliminated. `retest SERIAL` tests a specimen again; `quit`, the end of the input or Ctrl-C between two tests ends
     the line.
     """
-    _check_usage(bench, speed, simulator_args, simulate=simulate)
+    check_usage(simulator_args, bench, speed, seed, None, simulate=simulate, real_time=False)
     # loads numpy and pyserial: not needed for the help
     from rig.cli.analysis_check import check_analysis, check_specimen
     from rig.cli.job import Analyst
     from rig.cli.line_entries import Entries
     from rig.cli.line_session import LineSession
-    from rig.cli.run import following, rig_of, specimens_of
     from rig.matrix.model import load_files, load_matrix
     from rig.recording.tested_specimens import TestedSpecimens
 
     tests, known = (load_matrix(matrix), None) if bench is None else load_files(matrix, bench)
-    if results_url is None and known is not None and known.results is not None:
-        results_url = known.results.url
     _require_bands(matrix, tests)
     check_specimen(matrix, tests, fitted=not no_identify)
     if not no_identify:
@@ -108,7 +98,7 @@ def command(
 
     options = CampaignOptions(
         matrix_path=matrix, out=out, bench_path=bench, simulate=simulate, speed=1.0 if speed is None else speed,
-        seed=seed, simulator_args=arguments,
+        seed=0 if seed is None else seed, simulator_args=arguments,
     )  # fmt: skip
     session, shown = LineSession(tests, TestedSpecimens(out)), console(as_json=as_json)
     with hangups_interrupt(), contextlib.ExitStack() as ends:
@@ -117,7 +107,7 @@ def command(
             ends.callback(prepared.close)
             options = replace(options, start_rig=prepared.start)
         line = _Line(session, options, shown, Entries(reader), None if no_identify else tests, ends, Analyst)
-        line.results_url = results_url
+        line.results_url = address_for(results_url, known)
         with contextlib.suppress(KeyboardInterrupt):
             line.run()
     line.show_notes()
@@ -127,19 +117,6 @@ def command(
     elif delivered is not None:
         shown.print(delivered["line"], markup=False, soft_wrap=True)
     return session.exit_code
-
-
-def _check_usage(bench: Path | None, speed: float | None, simulator_args: tuple[str, ...], *, simulate: bool) -> None:
-    """Refuse contradictions before anything is read.
-
-    Raises:
-        UsageError: with what to write instead.
-    """
-    if bench is None and not simulate:
-        raise click.UsageError("specify --bench FILE, --simulate, or both (to simulate the devices of that bench)")
-    if (speed is not None or simulator_args) and not simulate:
-        name = "--speed" if speed is not None else "arguments after --"
-        raise click.UsageError(f"{name}: only allowed with a simulated rig. Fix: add --simulate")
 
 
 def _require_bands(matrix: Path, tests: Matrix) -> None:
@@ -192,7 +169,7 @@ class _Line:
             return
         listed = entries.list_at_once() if self._options.simulate else None
         if listed is not None:
-            self._entries = None  # the list of a rehearsal: nobody scans
+            self._entries = None  # the list of a rehearsal: there is no reader
             for text in listed:
                 if not self._enter(text):
                     return

@@ -135,6 +135,14 @@ scheduler_option = click.option(
     help="Run the jobs on the workers of this Dask scheduler (tcp://HOST:8786, tls://HOST:8786, or a scheduler file) "
          "instead of on this computer.",
 )
+bench_option = click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
+speed_option = click.option(
+    "--speed", type=click.FloatRange(0.01, 1000.0), help="With --simulate: simulated seconds per real second. The "
+    "default is 1."
+)
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), help="With --simulate: random seed for the simulated rig. The default is 0."
+)
 out_option = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),

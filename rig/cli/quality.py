@@ -10,6 +10,7 @@ import click
 
 from protocols.near_miss import near_names
 from rig.campaign_folder import LOGS
+from rig.cli.delivering import ServerAddress
 from rig.cli.options import Command, QuantityOption, json_option
 from rig.cli.output import console, progress_bar, say, show, shown_path, write_json, write_pdf
 from rig.display import SI, Display
@@ -38,8 +39,8 @@ MOST_SHOWN = 20
 @click.argument("kind", type=click.Choice(KINDS), default="charts", required=False)
 @click.option("--in", "folder", type=click.Path(path_type=Path), default=LOGS, show_default=True,
               help="Folder that contains the runs.")
-@click.option("--results", "url", metavar="URL", help="Address of a results database, such as postgresql://HOST/NAME, "
-                                                       "instead of a folder.")
+@click.option("--results", "url", type=ServerAddress(), metavar="URL",
+              help="Address of a results database, such as postgresql://HOST/NAME, instead of a folder.")
 @click.option("--specimen", metavar="TEXT", help="Serial number; * and ? are wildcards. Golden damper: its number.")
 @click.option("--date", metavar="DATE", help="Start date (UTC): 2026, 2026-11, 2026-11-23 or a range FIRST:LAST.")
 @click.option("--quantity", multiple=True, metavar="NAME",

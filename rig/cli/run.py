@@ -10,13 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.bench.server_address import ADDRESS_VARIABLE
 from rig.campaign_folder import CampaignFolder
-from rig.cli.delivering import ServerAddress, address_of_run, delivery_to
+from rig.cli.delivering import address_for, address_of_run, delivery_to, results_option
 from rig.cli.hangups import hangups_interrupt
 from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
 from rig.cli.junit import junit_option, junit_report, take_campaign, take_specimen
-from rig.cli.options import Command, ResumedRun, RunPath, json_option, out_option
+from rig.cli.options import (
+    Command,
+    ResumedRun,
+    RunPath,
+    bench_option,
+    json_option,
+    out_option,
+    seed_option,
+    speed_option,
+)
 from rig.cli.output import console, show, shown_path, write_json
 from rig.cli.page import live_link, page_options, page_settings
 from rig.errors import FileProblem
@@ -46,15 +54,11 @@ if TYPE_CHECKING:
 )
 @click.argument("matrix", type=click.Path(path_type=Path), required=False)
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
-@click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
+@bench_option
 @click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices in the --bench file) and run "
                                                "the matrix on it.")
-@click.option(
-    "--speed", type=click.FloatRange(0.01, 1000.0), help="With --simulate: simulated seconds per real second. The "
-    "default is 1."
-)
-@click.option("--seed", type=click.IntRange(0), help="With --simulate: random seed for the simulated rig. The default "
-                                                     "is 0.")
+@speed_option
+@seed_option
 @click.option("--real-time", is_flag=True,
               help="Apply the timing limits of real hardware: the simulated rig does not wait while the computer is "
                    "busy.")
@@ -83,11 +87,7 @@ if TYPE_CHECKING:
 @click.option("--stay", is_flag=True, help="With --page: keep serving the page after the campaign ends, until "
                                            "'Close the page' is clicked or Ctrl-C is pressed.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
-@click.option(
-    "--results", "results_url", type=ServerAddress(), metavar="URL", envvar=ADDRESS_VARIABLE, show_envvar=True,
-    help="Deliver the results to this PostgreSQL server (postgresql://USER@HOST/DATABASE) after the run. Default: "
-         "`url` in [results] of the bench file.",
-)
+@results_option("after the run")
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
 @junit_option
@@ -127,7 +127,7 @@ def command(
             matrix, simulator_args = None, (str(matrix), *simulator_args)
         if real_time:
             simulator_args = (*simulator_args, "--real-time")
-        _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
+        check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
         _check_specimen(serial_number, drives, resume)
         words = _requalified(requalified, resume)
         settings = page_settings(page_address, page_cert, page_key, enabled=page, hold=hold, stay=stay)
@@ -170,8 +170,7 @@ def command(
         )
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None
-        if results_url is None and known is not None and known.results is not None:
-            results_url = known.results.url
+        results_url = address_for(results_url, known)
         if results_url is None and resume is not None:
             results_url = address_of_run(resume)
         with live_link(settings, held=hold, operated=operated) as live, delivery_to(results_url) as delivery:
@@ -309,7 +308,7 @@ def _speed(speed: float | None, resume: Path | None) -> float:
     return speed_before(resume)
 
 
-def _check_usage(
+def check_usage(
     simulator_args: tuple[str, ...],
     bench: Path | None,
     speed: float | None,
