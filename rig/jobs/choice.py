@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rig.jobs.cluster import cluster
 from rig.jobs.local import local_workers
 from rig.jobs.workers import HERE, Workers
 
@@ -26,6 +25,8 @@ def workers_for(scheduler: str | None, processes: int | None = None) -> Iterator
         RigError: the scheduler or its workers cannot be used.
     """
     if scheduler is not None:
+        from rig.jobs.cluster import cluster  # loads the metadata of packages: not needed for the help
+
         with cluster(scheduler) as remote:
             yield remote
         return
