@@ -278,6 +278,24 @@ def _pieces(name: str) -> list[str]:
     return [name, *("-".join(words[i:j]) for i in range(len(words)) for j in range(i + 1, len(words) + 1))]
 
 
+def check_folder_of_runs(folder: Path) -> None:
+    """Refuse a folder of runs that does not exist.
+
+    Raises:
+        FileProblem: with where runs are written.
+    """
+    if not folder.is_dir():
+        raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
+
+
+def inode(path: Path | str) -> int:
+    """Inode of a file or folder, as in `held_inodes`; -1 if there is none."""
+    try:
+        return os.stat(path).st_ino
+    except OSError:
+        return -1
+
+
 def held_inodes() -> frozenset[int]:
     """Inodes of the files and folders that a process on this computer holds: those of campaigns that are running.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from rig.campaign_folder import LOGS, CampaignFolder, held_inodes
+from rig.campaign_folder import LOGS, CampaignFolder, check_folder_of_runs, held_inodes, inode
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, progress_bar, show, write_json
 from rig.document.blocks import Column, Paragraph, table
@@ -65,21 +65,12 @@ def _listed(folder: Path, run_filter: RunFilter, last: int | None) -> list[dict[
     Raises:
         FileProblem: there is no such folder.
     """
-    if not folder.is_dir():
-        raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
+    check_folder_of_runs(folder)
     whole, held = str(folder.resolve()), held_inodes()
     with progress_bar("reading runs for the first time") as report_progress:
         summaries = listed(folder, _summary, run_filter, last, report_progress)
     runs = [{**run, "path": os.path.join(whole, run["id"])} for run in summaries]
-    return [{**run, "running": _inode(run["path"]) in held} for run in runs]
-
-
-def _inode(path: str) -> int:
-    """Of a run's folder; -1 where it is gone."""
-    try:
-        return os.stat(path).st_ino
-    except OSError:
-        return -1
+    return [{**run, "running": inode(run["path"]) in held} for run in runs]
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:

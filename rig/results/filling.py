@@ -14,13 +14,13 @@ from sqlalchemy import Connection, Table, delete, insert, select, text
 from sqlalchemy.dialects import postgresql, sqlite
 
 from rig import __version__
-from rig.campaign_folder import CampaignFolder, held_inodes
+from rig.campaign_folder import CampaignFolder, check_folder_of_runs, held_inodes, inode
 from rig.clock import utc_now
 from rig.errors import FileProblem, RigError, evaluating
 from rig.results.connection import DamagedDatabase, Database, folder_database
 from rig.results.content import Content, content_of
 from rig.results.run_index import NAME, SETTLED_NS, own_stamps, points_stamp
-from rig.results.schema import CHILDREN, RESULTS, campaigns, sources, specimens, stations
+from rig.results.schema import CHILDREN, campaigns, sources, specimens, stations
 
 CONTENT = 2
 """Of the rows that a run gives; runs that were read with another one are read again."""
@@ -72,8 +72,7 @@ def filled_database(
         FileProblem: there is no such folder, or the file is of a newer version or locked.
         DamagedDatabase: the file was damaged again after it had been made again.
     """
-    if not folder.is_dir():
-        raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
+    check_folder_of_runs(folder)
     done = Filled()
     if rebuild:
         with folder_database(folder):  # refuses a file of a newer version
@@ -129,7 +128,7 @@ def _stamped(folder: Path, held: frozenset[int], done: Filled) -> dict[str, str]
         if not name.isprintable():
             continue
         place = folder / name
-        if _inode(place) in held:
+        if inode(place) in held:
             done.running.append(name)
             continue
         points, points_ns = points_stamp(os.fspath(place / CampaignFolder.points))
@@ -144,13 +143,6 @@ def _stamped(folder: Path, held: frozenset[int], done: Filled) -> dict[str, str]
                 newest_ns = max(newest_ns, state.st_ctime_ns)
         stamps[name] = " ".join(parts) + ("" if newest_ns + SETTLED_NS < now_ns else f" {time.monotonic_ns()}")
     return stamps
-
-
-def _inode(path: Path) -> int:
-    try:
-        return path.stat().st_ino
-    except OSError:
-        return -1
 
 
 def _read(place: Path) -> tuple[Content | None, str]:
@@ -272,8 +264,3 @@ def optimise(database: Database) -> None:
     """Refresh the statistics with which the database chooses its indices."""
     with database.transaction() as connection:
         connection.execute(text("ANALYZE"))
-
-
-def count(connection: Connection, table: str) -> int:
-    """Number of rows of a table."""
-    return int(connection.exec_driver_sql(f"SELECT count(*) FROM {RESULTS.tables[table].name}").scalar() or 0)
