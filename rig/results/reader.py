@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, timedelta
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from rig.errors import FileProblem
 from rig.results.connection import Database, server
 from rig.results.filling import Filled, filled_database
 from rig.results.quantities import QUANTITIES, SPECIMEN
-from rig.results.run_index import RunFilter
+from rig.results.run_index import RunFilter, fits_pattern
 from rig.results.schema import campaigns, characteristics, fits, parameters, stored_current
 
 MOST_AT_ONCE = 5_000
@@ -234,11 +233,6 @@ def _matches(wanted: ResultFilter) -> Callable[[ResultRow], bool]:
         )
 
     return matches
-
-
-def fits_pattern(text: str, pattern: str) -> bool:
-    """Whether a text equals a pattern or matches it with `*` and `?`, in upper and lower case as written."""
-    return text == pattern or fnmatchcase(text, pattern)
 
 
 def date_range(date: str | None) -> tuple[datetime | None, datetime | None]:

@@ -74,7 +74,7 @@ class RunFilter:
         first, colon, last = (self.date or "").partition(":")
         last = last if colon else first
         return (
-            (self.specimen is None or specimen == self.specimen or fnmatchcase(specimen, self.specimen))
+            (self.specimen is None or fits_pattern(specimen, self.specimen))
             and (not first or started >= first)
             and (not last or (started != "" and started[: len(last)] <= last))
             and self.model in {None, model}
@@ -84,6 +84,11 @@ class RunFilter:
         """Whether a run is wanted."""
         texts = (str(summary[name]) for name in ("specimen", "started", "model"))
         return self.may_hold(*texts) and self.verdict in {None, summary["verdict"]}
+
+
+def fits_pattern(text: str, pattern: str) -> bool:
+    """Whether a text equals a pattern or matches it with `*` and `?`, in upper and lower case as written."""
+    return text == pattern or fnmatchcase(text, pattern)
 
 
 class NewerSchema(Exception):
@@ -263,7 +268,8 @@ def _one(index: sqlite3.Connection, table: str, column: str) -> object:
     try:
         row = index.execute(f"SELECT {column} FROM {table}").fetchone()
     except sqlite3.OperationalError as error:
-        if "no such" in str(error):
+        code = getattr(error, "sqlite_errorcode", None)  # a text that is not UTF-8 has none
+        if code == sqlite3.SQLITE_ERROR:  # no such table or column; a locked file has another code
             return None
         raise
     return None if row is None else row[0]
