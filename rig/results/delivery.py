@@ -180,8 +180,8 @@ def _deliver_all(database: Database, target: Database, name: str, report_progres
 def _waiting(database: Database, target: Database, name: str) -> list[str]:
     """Campaigns that are to be delivered; those that the server has already are noted as delivered.
 
-    A campaign that this folder delivered and that somebody else has changed since is left alone: the last writer wins,
-    and two computers with a copy of one run do not replace each other's results for ever.
+    A campaign that this folder delivered and that another computer has changed since is left alone: the last writer
+    wins, and two computers with a copy of one run do not replace each other's results for ever.
     """
     with database.transaction(reading=True) as connection:
         query = select(campaigns.c.campaign_id, campaigns.c.digest)
@@ -218,13 +218,11 @@ def _confirm(database: Database, name: str, digests: dict[str, str]) -> None:
             upsert(connection, deliveries, row)
 
 
-def deliver_folder(
-    folder: Path, url: str, report_progress: Progress = lambda _done, _total: None
-) -> tuple[Outbox, Filled]:
+def deliver_folder(folder: Path, url: str) -> Outbox:
     """Bring the database of a folder up to date and deliver it.
 
     Raises:
         FileProblem: as `filled_database` and `deliver`.
     """
-    with filled_database(folder, report_progress=report_progress) as (database, filled):
-        return deliver(database, url, report_progress), filled
+    with filled_database(folder) as (database, _):
+        return deliver(database, url)

@@ -29,7 +29,7 @@ def main() -> int:
     if not line.strip():
         return 0
     try:
-        outbox, _ = deliver_folder(Path(json.loads(line)["folder"]), os.environ[ADDRESS_VARIABLE])
+        outbox = deliver_folder(Path(json.loads(line)["folder"]), os.environ[ADDRESS_VARIABLE])
     except (RigError, OSError) as error:
         answer = {"error": str(error)}
     else:

@@ -34,7 +34,7 @@ RUNS_A_STATION = 2
 
 
 def delivered(runs: Path, url: str) -> Outbox:
-    return deliver_folder(runs, url)[0]
+    return deliver_folder(runs, url)
 
 
 def table(url: str, name: str) -> list[dict[str, object]]:
