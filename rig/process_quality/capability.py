@@ -7,12 +7,13 @@ by the chi-squared distribution, of Cpk, Ppk and Cgk by A. F. Bissell, Applied S
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from rig.fits.plain import plain
 from rig.process_quality.control_chart import D2, TooFewValues, moving_range_freedom
 from rig.signals.arrays import FloatArray
 
@@ -36,10 +37,6 @@ class Index:
     value: float
     low: float
     high: float
-
-    def to_json(self) -> dict[str, float]:
-        """Plain types."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -82,11 +79,7 @@ class Capability:
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
-        return {**asdict(self), "normal_p": _known(self.normal_p), "remarks": list(self.remarks)}
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+        return {**plain(self), "remarks": list(self.remarks)}
 
 
 def process_capability(values: FloatArray, low: float | None, high: float | None) -> Capability:
@@ -194,8 +187,7 @@ class GaugeCapability:
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
-        numbers = {"bias_p": _known(self.bias_p), "uncertainty_percent": _known(self.uncertainty_percent)}
-        return {**asdict(self), **numbers}
+        return {**plain(self)}
 
 
 def gauge_capability(

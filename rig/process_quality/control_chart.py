@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.fits.plain import plain
 from rig.signals.arrays import FloatArray
 
 D2 = 2.0 / math.sqrt(math.pi)
@@ -138,13 +139,12 @@ class ControlChart:
         """Plain types; the keys are in `docs/json.md`."""
         low, high = self.limits
         return {
-            "values": [one if math.isfinite(one) else None for one in self.values.tolist()],
+            "values": plain(self.values.tolist()),
             "baseline": self.baseline, "removed": list(self.removed),
             "centre": self.centre, "sigma": self.sigma, "lower_limit": low, "upper_limit": high,
             "mean_range": self.mean_range, "range_limit": self.range_limit, "in_control": self.in_control,
             "violations": [{"index": one.index, "rule": str(one.rule), "side": one.side} for one in self.violations],
-            "autocorrelation": self.autocorrelation if math.isfinite(self.autocorrelation) else None,
-            "remarks": list(self.remarks),
+            "autocorrelation": plain(self.autocorrelation), "remarks": list(self.remarks),
         }  # fmt: skip
 
 
@@ -176,10 +176,10 @@ def control_chart(values: FloatArray, baseline: int | None = None) -> ControlCha
     sigma = mean_range / D2
     removed = tuple(np.flatnonzero(~kept).tolist())
     correlation = lag_one(values[:count][kept])
-    remarks = list(_remarks(count, removed, correlation, sigma))
+    remarks = tuple(_remarks(count, removed, correlation, sigma))
     return ControlChart(
         values, count, removed, centre, sigma, mean_range, violations_of(values, centre, sigma, mean_range),
-        correlation, tuple(remarks),
+        correlation, remarks,
     )  # fmt: skip
 
 

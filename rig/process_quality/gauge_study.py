@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from rig.fits.plain import plain
 from rig.process_quality.control_chart import TooFewValues
 from rig.signals.arrays import FloatArray
 
@@ -117,20 +118,10 @@ class GaugeStudy:
         """Plain types; the keys are in `docs/json.md`."""
         return {
             "parts": self.parts, "operators": self.operators, "trials": self.trials, "pooled": self.pooled,
-            "anova": [_plain(asdict(row)) for row in self.anova],
-            "components": {name: _plain(asdict(one)) for name, one in self.components.items()},
-            "ndc": self.ndc, "categories": dict(zip(("value", "low", "high"), map(_known, self.categories),
-                                                    strict=True)),
+            "anova": plain(self.anova), "components": plain(self.components),
+            "ndc": self.ndc, "categories": dict(zip(("value", "low", "high"), plain(self.categories), strict=True)),
             "tolerance": self.tolerance, "remarks": list(self.remarks),
         }  # fmt: skip
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _known(value) if isinstance(value, float) else value for name, value in entry.items()}
 
 
 def gauge_study(values: NDArray[np.float64], tolerance: float | None = None, *, pool: bool | None = None) -> GaugeStudy:

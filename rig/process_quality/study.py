@@ -13,6 +13,7 @@ import numpy as np
 from rig.comparison.bands import Bands
 from rig.display import SI, Display, Shown
 from rig.errors import FileProblem
+from rig.fits.plain import plain
 from rig.process_quality.capability import Capability, GaugeCapability, gauge_capability, process_capability
 from rig.process_quality.control_chart import ControlChart, TooFewValues, control_chart
 from rig.process_quality.display_units import shown_of
@@ -102,7 +103,7 @@ class SeriesResult:
             "chart": None if self.chart is None else self.chart.to_json(),
             "capability": None if self.capability is None else self.capability.to_json(),
             "measurement": None if self.measurement is None else self.measurement.to_json(),
-            "uncertainty_percent_of_tolerance": _known(self.uncertainty_percent), "why": list(self.why),
+            "uncertainty_percent_of_tolerance": plain(self.uncertainty_percent), "why": list(self.why),
         }  # fmt: skip
 
 
@@ -114,10 +115,6 @@ def described(series: Series) -> dict[str, Any]:
 
 def _time(value: datetime | None) -> str | None:
     return None if value is None else value.isoformat(timespec="seconds")
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)

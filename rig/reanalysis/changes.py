@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.fits.fit_record import FitRecord
+from rig.fits.plain import plain
 from rig.recording.hdf5.reading import channel_names
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
@@ -109,8 +110,8 @@ class PointChange:
         return bool(self.causes)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain types; NaN becomes null in the file."""
-        return {**asdict(self), "largest": dict(self.largest), "causes": list(self.causes), "changed": self.changed}
+        """Plain types without NaN."""
+        return {**plain(self), "changed": self.changed}
 
 
 @dataclass(frozen=True)

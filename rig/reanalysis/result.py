@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.fits.plain import plain
 from rig.reanalysis.changes import PointChange, ValueChange
 
 
@@ -59,7 +58,7 @@ class Reanalysis:
 
     def to_json(self) -> dict[str, Any]:
         """Plain types without NaN; the keys are in `docs/json.md`."""
-        content = {
+        content: dict[str, Any] = plain({
             "run": str(self.run), "result": None if self.result is None else str(self.result),
             "up_to_date": self.up_to_date, "software": self.software, "recorded_by": list(self.recorded_by),
             "changed": self.changed, "points": [point.to_json() for point in self.points],
@@ -69,13 +68,5 @@ class Reanalysis:
             "specimen": {"before": self.specimen[0] or None, "after": self.specimen[1] or None},
             "left_out": list(self.left_out), "remarks": list(self.remarks), "fit_error": self.fit_error or None,
             "error": self.error or None,
-        }  # fmt: skip
-        return _without_nan(content)  # type: ignore[no-any-return] # an object stays one
-
-
-def _without_nan(value: object) -> Any:  # noqa: ANN401 - JSON
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _without_nan(one) for key, one in value.items()}
-    return [_without_nan(one) for one in value] if isinstance(value, list | tuple) else value
+        })  # fmt: skip
+        return content
