@@ -218,5 +218,10 @@ def gauge_capability(
         cgk = distance_index((0.5 * GAUGE_SHARE * tolerance - abs(bias)) / (3.0 * std), count, count - 1.0)
         bias_p = float(stats.ttest_1samp(values, reference).pvalue)
     return GaugeCapability(
-        count, mean, std, tolerance, reference, cg, cgk, bias, bias_p, 100.0 * 2.0 * 2.0 * uncertainty / tolerance,
+        count, mean, std, tolerance, reference, cg, cgk, bias, bias_p, uncertainty_percent(uncertainty, tolerance),
     )
+
+
+def uncertainty_percent(uncertainty: float, tolerance: float) -> float:
+    """Expanded uncertainty (2 standard uncertainties), doubled, in % of the tolerance (VDA 5)."""
+    return 100.0 * 2.0 * 2.0 * uncertainty / tolerance

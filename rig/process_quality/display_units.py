@@ -60,4 +60,4 @@ def size_of(cause: Cause, display: Display) -> Shown:
         return display.force
     if cause is Cause.TEMPERATURE and display.temperature_unit != "degC":
         return replace(display.temperature, offset=0.0)
-    return Shown(cause.unit, 1.0)
+    return plain(cause.unit)

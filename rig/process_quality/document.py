@@ -138,16 +138,28 @@ def _charts(study: ChartStudy, most: int | None) -> Blocks:
         note = "All values are of one specimen, so their variation is that of the measurement (type-1 study)."
         blocks += [*section("Capability of the measurement", note),
                    *_listed(MEASUREMENT_HEAD, map(_measurement, measured), most)]  # fmt: skip
+    return [*blocks, *_reasons(
+        (one.series.label, (*one.why, *(() if one.chart is None else one.chart.remarks),
+                            *(() if one.capability is None else one.capability.remarks)))
+        for one in study.results
+    )]  # fmt: skip
+
+
+def _reasons(listed: Iterable[tuple[str, Iterable[str]]]) -> Blocks:
+    """One note for each reason, with the first label it applies to and the number of further ones.
+
+    Args:
+        listed: label and its reasons, in order.
+    """
     by_reason: dict[str, list[str]] = {}
-    for one in study.results:
-        remarks = (*one.why, *(() if one.chart is None else one.chart.remarks),
-                   *(() if one.capability is None else one.capability.remarks))  # fmt: skip
-        for reason in remarks:
-            by_reason.setdefault(reason, []).append(one.series.label)
+    for label, reasons in listed:
+        for reason in reasons:
+            by_reason.setdefault(reason, []).append(label)
+    notes: Blocks = []
     for reason, labels in by_reason.items():
         more = f" (and {len(labels) - 1} more)" if len(labels) > 1 else ""
-        blocks.append(Note(FAIR, f"{labels[0]}{more}: {reason}"))
-    return blocks
+        notes.append(Note(FAIR, f"{labels[0]}{more}: {reason}"))
+    return notes
 
 
 def _ordered(results: Sequence[SeriesResult]) -> list[SeriesResult]:
@@ -330,14 +342,9 @@ def _gauges(study: GaugeStudies, most: int | None) -> Blocks:
     shown = [one for one in study.results if one.study is not None]
     for one in shown if most is None else shown[:1]:
         blocks += _components(one)
-    by_reason: dict[str, list[str]] = {}
-    for one in study.results:
-        for reason in (*one.why, *(() if one.study is None else one.study.remarks)):
-            by_reason.setdefault(reason, []).append(one.series.label)
-    for reason, labels in by_reason.items():
-        more = f" (and {len(labels) - 1} more)" if len(labels) > 1 else ""
-        blocks.append(Note(FAIR, f"{labels[0]}{more}: {reason}"))
-    return blocks
+    return [*blocks, *_reasons(
+        (one.series.label, (*one.why, *(() if one.study is None else one.study.remarks))) for one in study.results
+    )]
 
 
 def _badness(severity: Severity) -> int:

@@ -17,13 +17,11 @@ from rig.results.quantities import QUANTITIES, SPECIMEN
 from rig.results.reader import ResultRow
 from rig.signals.arrays import FloatArray
 from rig.signals.test_set import CurrentReading, MotionReading
-from rig.signals.waveform import SINE
+from rig.signals.waveform import SINE, WAVEFORMS
 
 VALID = "valid"
 SAME_CURRENT_PLACES = 6
 EARLIEST = datetime.min.replace(tzinfo=UTC)
-PEAK_OF_MEAN = {"sine": 2.0 * np.pi, "triangle": 4.0}
-"""Peak speed of a waveform over amplitude times frequency."""
 
 
 @dataclass(frozen=True)
@@ -167,5 +165,5 @@ def _applies(quantity: str, band: Band, series: Series) -> bool:
         MotionReading(waveform, *nominal, requested=nominal), CurrentReading(series.current_A,
         requested_A=series.current_A), series.current_A,
     )
-    speed_m_s = PEAK_OF_MEAN.get(waveform, PEAK_OF_MEAN[SINE.name]) * row.amplitude_m * row.frequency_Hz
+    speed_m_s = WAVEFORMS.get(waveform, SINE).peak_velocity * row.amplitude_m * row.frequency_Hz
     return band.holds(LoopReading(motion, (row.point,), speed_m_s, {}))

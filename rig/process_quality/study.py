@@ -14,7 +14,13 @@ from rig.comparison.bands import Bands
 from rig.display import SI, Display, Shown
 from rig.errors import FileProblem
 from rig.fits.plain import plain
-from rig.process_quality.capability import Capability, GaugeCapability, gauge_capability, process_capability
+from rig.process_quality.capability import (
+    Capability,
+    GaugeCapability,
+    gauge_capability,
+    process_capability,
+    uncertainty_percent,
+)
 from rig.process_quality.control_chart import ControlChart, TooFewValues, control_chart
 from rig.process_quality.display_units import shown_of
 from rig.process_quality.gauge_study import GaugeStudy, balanced, gauge_study
@@ -172,7 +178,7 @@ def _charted(series: Series, baseline: int | None, limits: Limits) -> SeriesResu
         why.append(f"no capability: {error}")
     if low is None or high is None or not high > low:
         return replace(result, why=tuple(why))
-    result = replace(result, uncertainty_percent=100.0 * 4.0 * series.uncertainty / (high - low))
+    result = replace(result, uncertainty_percent=uncertainty_percent(series.uncertainty, high - low))
     if len(set(series.specimens)) == 1 and series.specimens[0]:
         try:
             measured = gauge_capability(series.values, high - low, limits.reference_of(series), series.uncertainty)
@@ -226,8 +232,8 @@ def golden_study(rows: Sequence[ResultRow], baseline: int | None = None) -> Gold
             raise FileProblem("rig quality golden", [
                 f"the values are of {len(known)} {name}s ({listed}), expected one. Fix: select it with {option}"
             ])
-    longest = max(series, key=lambda one: len(one.values))
-    campaigns = {row.campaign: place for place, row in enumerate(_days(series))}
+    specimen, ordered = rows[0].specimen, _days(series)
+    campaigns = {row.campaign: place for place, row in enumerate(ordered)}
     values = {}
     for one in series:
         column = np.full(len(campaigns), np.nan)
@@ -237,11 +243,10 @@ def golden_study(rows: Sequence[ResultRow], baseline: int | None = None) -> Gold
     try:
         check = golden_check(values, baseline)
     except TooFewValues as error:
-        raise FileProblem("rig quality golden", [f"{longest.rows[0].specimen or 'specimen'}: {error}"]) from error
-    ordered = _days(series)
+        raise FileProblem("rig quality golden", [f"{specimen or 'specimen'}: {error}"]) from error
     _require_last_day(rows, ordered, check)
     return GoldenStudy(
-        longest.rows[0].specimen, check, tuple(row.run for row in ordered), tuple(row.started for row in ordered),
+        specimen, check, tuple(row.run for row in ordered), tuple(row.started for row in ordered),
         (*remarks_on(rows), *check.remarks),
     )  # fmt: skip
 
