@@ -11,7 +11,8 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
@@ -26,6 +27,7 @@ from rig.document import html
 from rig.errors import DataWarning, FileProblem, Refused, RigError
 from rig.fits.fit_record import FitRecord, fit_in
 from rig.identification.application.saving import saved
+from rig.identification.remarks import some
 from rig.jobs.workers import HERE, Job, Workers
 from rig.reanalysis.changes import (
     Cause,
@@ -107,7 +109,6 @@ def reanalyse(run: Path | str, options: ReanalysisOptions | None = None) -> Rean
         _check_out(options.out)
     with staged(final, size) as stage:
         made = _made(folder, original, stage, final, options)
-
         record = {**made.to_json(), "inputs_sha256": inputs}
         write_text_durably(CampaignFolder(stage).reanalysis, json.dumps(record, indent=1, allow_nan=False) + "\n")
     return made
@@ -143,9 +144,16 @@ def _original(folder: CampaignFolder) -> Run:
     if folder.path.is_dir() and os.stat(folder.path).st_ino in held_inodes():
         raise Refused("two-instances", f"{folder.path}: the campaign is still running, or another process is "
             "recovering it. Fix: wait until it has finished")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)  # they are in `left_out` and `remarks`
+    with _without_warnings():
         return Run.open(folder.path)
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Ignore warnings on data: they are in `left_out` and `remarks`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
+        yield
 
 
 def _all_points(run: Run) -> tuple[RecordedPoint, ...]:
@@ -188,8 +196,7 @@ def _made(
         pass
     _copy_descriptions(folder, target, final.name)
     remarks = list(_remarks(folder, original, kept))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)
+    with _without_warnings():
         new = Run.open(stage)
     old_files = {point.path.name: point for point in _all_points(original) if point.path is not None}
     points = tuple(
@@ -200,12 +207,12 @@ def _made(
         folder.path, final, software=version.described(), recorded_by=_software_of(_all_points(original)),
         points=points, left_out=original.unreadable, remarks=tuple(remarks),
     )
-    result = _with_fit(result, folder, original, new, options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)
-        written_report(stage)
-    result = replace(result, specimen=(_specimen(folder), _specimen(target)))
-    result = _with_characteristics(result, folder, stage)
+    with _view_if_changed(folder, stage, points) as view:
+        result = _with_fit(result, folder, original, new, view, options)
+        with _without_warnings():
+            written_report(stage)
+        result = replace(result, specimen=(_specimen(folder), _specimen(target)))
+        result = _with_characteristics(result, folder, stage, view)
     write_text_durably(target.reanalysis_page, html.page(reanalysis_document(result, new)))
     return result
 
@@ -299,26 +306,33 @@ def _remarks(folder: CampaignFolder, original: Run, kept: Mapping[str, str]) -> 
     for name, remark in kept.items():
         by_remark.setdefault(remark, []).append(name.removesuffix(".h5"))
     for remark, names in by_remark.items():
-        listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-        yield f"{listed}: {remark}"
+        yield f"{some(names)}: {remark}"
     if not original.campaign:
         yield "the run has no campaign.json; specimen, bench and start are unknown"
 
 
-def _points_cause(points: Sequence[PointChange]) -> tuple[bool, Cause]:
-    """Whether points differ, and as what they are the cause of other differences."""
+def _view_if_changed(
+    folder: CampaignFolder, stage: Path, points: Sequence[PointChange]
+) -> AbstractContextManager[Path | None]:
+    """The original through links, to be evaluated by this version; None if no point differs.
+
+    One for fit and characteristics, so that each point is prepared once: the result is in the cache of the view.
+    """
+    return view_of(folder.path, stage) if any(point.changed for point in points) else nullcontext()
+
+
+def _points_cause(points: Sequence[PointChange]) -> Cause:
+    """As what points that differ are the cause of other differences."""
     aligned = any(Cause.ALIGNMENT in point.causes for point in points)
-    return any(point.changed for point in points), Cause.ALIGNMENT if aligned else Cause.VERDICTS
+    return Cause.ALIGNMENT if aligned else Cause.VERDICTS
 
 
-def _with_characteristics(result: Reanalysis, folder: CampaignFolder, stage: Path) -> Reanalysis:
+def _with_characteristics(result: Reanalysis, folder: CampaignFolder, stage: Path, view: Path | None) -> Reanalysis:
     """With the characteristics that have changed; those of the new points were written with the report."""
     after = characteristic_numbers(read_json(CampaignFolder(stage).characteristics))
-    differ, cause = _points_cause(result.points)
     present, remarks = after, list(result.remarks)
-    if differ:
-        with view_of(folder.path, stage) as view, warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataWarning)
+    if view is not None:
+        with _without_warnings():
             present = characteristic_numbers(characterise(Run.open(view)).to_json())
     original = None
     if folder.characteristics.is_file():
@@ -328,12 +342,13 @@ def _with_characteristics(result: Reanalysis, folder: CampaignFolder, stage: Pat
             remarks.append(f"characteristics.json of the original cannot be read: {error.problems[0]}")
     else:
         remarks.append("the original has no characteristics.json, so changes of definitions cannot be shown")
-    changes = value_changes(original, present, after, cause, Cause.DEFINITION)
+    changes = value_changes(original, present, after, _points_cause(result.points), Cause.DEFINITION)
     return replace(result, characteristics=changes, remarks=tuple(remarks))
 
 
 def _with_fit(
-    result: Reanalysis, folder: CampaignFolder, before: Run, new: Run, options: ReanalysisOptions
+    result: Reanalysis, folder: CampaignFolder, before: Run, new: Run, view: Path | None,
+    options: ReanalysisOptions,
 ) -> Reanalysis:
     """With a new fit, and its differences from the original."""
     try:
@@ -354,17 +369,15 @@ def _with_fit(
     result = replace(result, remarks=(*remarks, *more), models=(original.model if original else "", fit.model))
     if original is None:
         return result
-    differ, cause = _points_cause(result.points)
     present: FitRecord = fit
-    if differ:
-        with view_of(folder.path, new.path) as view, warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataWarning)
-            try:
+    if view is not None:
+        try:
+            with _without_warnings():
                 present, _ = settings.fitted(Run.open(view))
-            except RigError as error:
-                result = replace(result, remarks=(*result.remarks, "the original points cannot be fitted by this "
-                    f"version, so the cause of changed parameters is not separated: {error}"))
-    return replace(result, fit=_fit_changes(original, present, fit, cause))
+        except RigError as error:
+            result = replace(result, remarks=(*result.remarks, "the original points cannot be fitted by this "
+                f"version, so the cause of changed parameters is not separated: {error}"))
+    return replace(result, fit=_fit_changes(original, present, fit, _points_cause(result.points)))
 
 
 def _fit_changes(original: FitRecord, present: FitRecord, fit: FitRecord, cause: Cause) -> tuple[ValueChange, ...]:
