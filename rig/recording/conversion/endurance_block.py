@@ -17,7 +17,7 @@ from rig.recording.alignment.alignment import Alignment, TimedChannel
 from rig.recording.journal.journal_file import JournalContent, joined
 from rig.recording.layout import CycleTable, PointFile, RawChannel
 from rig.recording.quality.point_quality import EnduranceQuality, PointQuality
-from rig.recording.quality.tracking import window_of
+from rig.recording.quality.tracking import played
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, first_after, parts
 from rig.signals.cycle_statistics import (
@@ -105,7 +105,7 @@ def reduced(
 def _still_moving(alignment: Alignment, point: TestPoint) -> bool:
     """Whether the samples end before the motion does, as when the station was killed."""
     time_s = alignment.time_s
-    begin = first_after(time_s, float(time_s[len(time_s) - 1]) - LAST_S)
+    begin = first_after(time_s, float(time_s[-1]) - LAST_S)
     displacement_m = np.asarray(alignment.values["displacement"][begin:])
     known_m = displacement_m[np.isfinite(displacement_m)]
     return known_m.size > 0 and float(np.ptp(known_m)) > STILL_SHARE * point.amplitude_m
@@ -116,15 +116,10 @@ def _bounds(alignment: Alignment, point: TestPoint) -> CycleBounds:
     if point.record is None:
         time_s, displacement_m = np.asarray(alignment.time_s), np.asarray(alignment.values["displacement"])
         return cycle_bounds(time_s, displacement_m, point.frequency_Hz)
-    sent = alignment.timed.get("signal_time")
-    if sent is None:
+    signal = played(point.record, alignment)
+    if signal is None:
         return NO_CYCLES
-    elapsed_s = np.asarray(sent.records[:]["value"], np.float64)
-    window = window_of(
-        np.asarray(sent.time_s) - alignment.origin_s, elapsed_s, point.record.duration_s, point.record.ramp_s
-    )
-    if window is None:
-        return NO_CYCLES
+    _, window = signal
     return repeated_bounds(window.evaluated_s[0], _period_s(point), window.evaluated_s[1], round(point.cycles))
 
 
@@ -179,7 +174,7 @@ def _windows(
     if kept.size == 0:
         kept = np.flatnonzero(np.isfinite(statistics["force_max"]))[-1:]
     windows = [(float(start_s[place]), float(end_s[place])) for place in kept]
-    last_s = float(alignment.time_s[len(alignment.time_s) - 1])
+    last_s = float(alignment.time_s[-1])
     if cut or not windows:
         count = len(alignment.time_s)
         earliest_s = float(alignment.time_s[max(0, count - MOST_WITHOUT_CYCLES)])

@@ -116,6 +116,21 @@ def window_of(
     return Window(begin_s, end_s, (begin_s + ramp_s, max(begin_s + ramp_s, min(end_s, begin_s + query_s - ramp_s))))
 
 
+def played(record: RecordFacts, alignment: Alignment) -> tuple[FloatArray, Window] | None:
+    """The times of a signal for which set-points were recorded (k,), s, and its window; None where there are none.
+
+    Args:
+        record: the motion that was commanded.
+        alignment: the channels of its run.
+    """
+    sent = alignment.timed.get("signal_time")
+    if sent is None:
+        return None
+    elapsed_s = np.asarray(sent.records[:]["value"], np.float64)
+    window = window_of(np.asarray(sent.time_s) - alignment.origin_s, elapsed_s, record.duration_s, record.ramp_s)
+    return None if window is None else (elapsed_s, window)
+
+
 def tracking_of(point: TestPoint, alignment: Alignment, seen: Overview) -> Tracking | None:
     """How a signal was followed; None where too little of it was recorded to say.
 
@@ -127,17 +142,15 @@ def tracking_of(point: TestPoint, alignment: Alignment, seen: Overview) -> Track
     if point.record is None:
         return None
     of_force = point.record.of_force
-    sent, wanted = (
-        alignment.timed.get(name) for name in ("signal_time", "signal_force" if of_force else "signal_target")
-    )
-    if sent is None or wanted is None:
+    wanted = alignment.timed.get("signal_force" if of_force else "signal_target")
+    signal = played(point.record, alignment)
+    if signal is None or wanted is None:
         return None
-    time_s = np.asarray(sent.time_s) - alignment.origin_s
-    elapsed_s, target = (np.asarray(channel.records[:]["value"], np.float64) for channel in (sent, wanted))
-    window = window_of(time_s, elapsed_s, point.record.duration_s, point.record.ramp_s)
+    elapsed_s, window = signal
+    target = np.asarray(wanted.records[:]["value"], np.float64)
     measured = seen.force_N if of_force else seen.displacement_m
     known = np.isfinite(measured)
-    if window is None or len(target) != len(elapsed_s) or np.count_nonzero(known) < 2:
+    if len(target) != len(elapsed_s) or np.count_nonzero(known) < 2:
         return None
     inside = (window.begin_s + elapsed_s >= window.evaluated_s[0]) & (
         window.begin_s + elapsed_s <= window.evaluated_s[1]
@@ -193,15 +206,13 @@ def _along(record: RecordFacts, alignment: Alignment, name: str) -> FloatArray |
     """
     from scipy.interpolate import CubicSpline  # 0.2 s to load, and only iterated signals need it
 
-    sent = alignment.timed.get("signal_time")
+    signal = played(record, alignment)
     time_s, values = np.asarray(alignment.time_s), np.asarray(alignment.values[name])
     known = np.isfinite(values)
-    if sent is None or np.count_nonzero(known) < 2:
+    if signal is None or np.count_nonzero(known) < 2:
         return None
-    elapsed_s = np.asarray(sent.records[:]["value"], np.float64)
-    window = window_of(np.asarray(sent.time_s) - alignment.origin_s, elapsed_s, record.duration_s, record.ramp_s)
-    played_s = 0.0 if len(elapsed_s) == 0 else float(elapsed_s[-1])
-    if window is None or played_s < (1.0 - INCOMPLETE_SHARE) * record.duration_s:
+    elapsed_s, window = signal
+    if elapsed_s[-1] < (1.0 - INCOMPLETE_SHARE) * record.duration_s:
         return None
     time_s, values = time_s[known], values[known]
     inside = (time_s >= window.begin_s) & (time_s <= window.end_s)
