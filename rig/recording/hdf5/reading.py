@@ -161,29 +161,34 @@ def read_raw(path: Path, name: str) -> dict[str, NDArray[Any]] | None:
     Raises:
         FileProblem: the file cannot be trusted, or the columns differ in length.
     """
-    with opened(path) as file:
-        if f"entry/raw/{name}" not in file:
-            return None
-        columns = {key: _values(path, dataset) for key, dataset in file[f"entry/raw/{name}"].items()}
-    if len({len(column) for column in columns.values()}) > 1:
-        lengths = {key: len(column) for key, column in columns.items()}
-        raise FileProblem(str(path), [f"/entry/raw/{name}: columns of different lengths: {lengths}"])
-    return columns
+    return _columns(path, f"entry/raw/{name}")
 
 
 def read_cycles(path: Path) -> dict[str, NDArray[Any]] | None:
     """The statistics of every cycle of an endurance block (k,) by name; None of any other point.
 
     Raises:
+        FileProblem: the file cannot be trusted, the columns differ in length, or the numbers of the cycles are missing.
+    """
+    columns = _columns(path, "entry/cycles")
+    if columns is not None and "number" not in columns:
+        raise FileProblem(str(path), ["/entry/cycles: the column number is missing"])
+    return columns
+
+
+def _columns(path: Path, place: str) -> dict[str, NDArray[Any]] | None:
+    """The columns of a group (n,) by name; None if there is no such group.
+
+    Raises:
         FileProblem: the file cannot be trusted, or the columns differ in length.
     """
     with opened(path) as file:
-        if "entry/cycles" not in file:
+        if place not in file:
             return None
-        columns = {key: _values(path, dataset) for key, dataset in file["entry/cycles"].items()}
-    if "number" not in columns or len({len(column) for column in columns.values()}) > 1:
+        columns = {key: _values(path, dataset) for key, dataset in file[place].items()}
+    if len({len(column) for column in columns.values()}) > 1:
         lengths = {key: len(column) for key, column in columns.items()}
-        raise FileProblem(str(path), [f"/entry/cycles: columns of different lengths, or no number: {lengths}"])
+        raise FileProblem(str(path), [f"/{place}: columns of different lengths: {lengths}"])
     return columns
 
 
