@@ -172,12 +172,12 @@ def _energy_J(point: RecordedPoint, measured: Measurement, energies_J: FloatArra
     and displacement is the same in all cycles and shows in no scatter.
     """
     mean = over_cycles(energies_J.tolist())
-    force_N, dt_s = measured.force_N[measured.scored], measured.dt_s
+    scored, dt_s, delay_s = measured.scored, measured.dt_s, delay_std_s(point, measured)
+    force_N = measured.force_N[scored]
     # The noise of a sum over the samples, of which each cycle has its share.
     by_noise_J = noise_of(force_N) * dt_s * float(np.linalg.norm(measured.v_m_s)) / len(energies_J)
     std_J = by_noise_J if by_noise_J > mean.std else mean.std
-    scored, delay_s = measured.scored, delay_std_s(point, measured)
-    slope_W = float(np.sum((measured.force_N[scored] - np.mean(force_N)) * measured.a_m_s2[scored])) * dt_s
+    slope_W = float(np.sum((force_N - np.mean(force_N)) * measured.a_m_s2[scored])) * dt_s
     omega_1_s = math.tau / (samples_a_cycle(measured.u_m) * dt_s)
     by_delay_J = math.hypot(slope_W / len(energies_J) * delay_s, 0.5 * mean.value * (omega_1_s * delay_s) ** 2)
     return Measured(mean.value, math.hypot(std_J, by_delay_J), mean.scatter)
