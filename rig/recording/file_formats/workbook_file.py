@@ -70,8 +70,8 @@ def open_workbook(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, S
     Args:
         file: of the content.
         data: the content.
-        stated: the sheets that the user names, `*` and `?` standing for any characters; `all`: every visible sheet
-            with a table.
+        stated: the sheets that the user names, with the wildcards `*` and `?`; `all`: every visible sheet with a
+            table.
 
     Raises:
         FileProblem: it is damaged or protected, needs too much memory, has no table or several, or python-calamine is
@@ -169,7 +169,7 @@ def _table(file: Path, data: bytes, kind: str, sheet: Sheet, stated: Dialect) ->
 
 
 def _chosen(file: Path, sheets: dict[str, Sheet], names: Sequence[str]) -> list[str]:
-    """The sheets that the user names, in the order of the workbook; a pattern stands for visible sheets.
+    """The sheets that the user names, in the order of the workbook; wildcards match visible sheets only.
 
     Raises:
         FileProblem: a name is that of no sheet.

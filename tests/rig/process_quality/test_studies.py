@@ -1,4 +1,4 @@
-"""What has drifted is told apart; rows of the database become series; bad sets of rows are named."""
+"""Causes of a drift are distinguished; rows of the database become series; bad sets of rows are named."""
 
 from __future__ import annotations
 
