@@ -113,9 +113,7 @@ class CurrentSteps:
 
     def start(self) -> None:
         """Start commanding; the motion's start was confirmed."""
-        patience_s = self._coil.patience_s * self._rate
-        self._coil.law_interlock.follow(law=len(self._program.time_s) > 1, patience_s=patience_s)
-        self._coil.follow_program(self)
+        self._coil.follow_program(self, steps=len(self._program.time_s) > 1)
         threading.Thread(target=self._run, name="current-program", daemon=True).start()
 
     def _run(self) -> None:
@@ -136,8 +134,7 @@ class CurrentSteps:
             detail = f"current program: {type(error).__name__}: {error}"
             self._supervisor.report([Finding("task-dies", detail, monotonic_ns())])
         finally:
-            if self._coil.leave_program(self):
-                self._coil.law_interlock.follow(law=False)
+            self._coil.leave_program(self)
             back_whenever()
 
     @property

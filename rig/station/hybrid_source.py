@@ -92,7 +92,7 @@ class HybridSource:
         if self._coil is not None:
             self._command(self._coil, now_ns)
             if sent is None:
-                self._coil.law_interlock.follow(law=False)
+                self._coil.follow_law(law=False)
         return None if sent is None else Setpoint(sent.position_m, sent.velocity_m_s)
 
     def _command(self, coil: CurrentSourceThread, now_ns: int) -> None:
@@ -153,7 +153,7 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
     sensors = Sensors(devices.load_cell.value, devices.lvdt.position_m)
     coil = devices.coil if commanded else None
     source = HybridSource(HybridMotion(order), sensors, supervisor, devices.append, coil)
-    devices.coil.law_interlock.follow(law=commanded)
+    devices.coil.follow_law(law=commanded)
     return begin(source, order.duration_s, devices, supervisor, commands)
 
 

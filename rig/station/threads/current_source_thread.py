@@ -58,7 +58,7 @@ class CurrentSourceThread(ReadingThread):
         self._bus_interlock = BusInterlock(config.bitrate)
         self._settle_s = driver.traits.settling_s / min(1.0, supervisor.config.device_rate)
         self._current_interlock = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
-        self.law_interlock = LawInterlock(driver.timing, driver.traits.settling_s)
+        self._law_interlock = LawInterlock(driver.timing, driver.traits.settling_s)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
@@ -104,7 +104,6 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
-            self._program = None
             self._bus_interlock.forget_others(self._driver.counters)
             self._command(0.0, enable=False, clear_faults=True)
             self._driver.start(self.config.command_period_s)
@@ -176,23 +175,35 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
-            self._program = None
             if self._zeroed and current_A != 0.0:
                 raise StationRefused("tripped", "set_current: 0 A is latched")
             self._command(current_A, enable=not self._zeroed or self.by_hand)
             self._driver.send_now()
 
-    def follow_program(self, program: object) -> None:
-        """From now on this program may step the current, until anything else commands one."""
+    def follow_law(self, *, law: bool) -> None:
+        """From now on a control law commands the current, or none does; no program is followed."""
         with self._command_lock:
-            self._program = None if self._zeroed else program
+            self._program = None
+            self._law_interlock.follow(law=law)
 
-    def leave_program(self, program: object) -> bool:
-        """This program commands no more steps; False if another program is followed by now."""
+    def follow_program(self, program: object, *, steps: bool) -> None:
+        """From now on this program may step the current, until anything else commands one.
+
+        Args:
+            program: its identity counts.
+            steps: whether it changes the current at all.
+        """
+        patience_s = 1e-9 * self._stale_ns * self._supervisor.config.device_rate
         with self._command_lock:
-            last = self._program is None or self._program is program
-            self._program = None if last else self._program
-            return last
+            if not self._zeroed:
+                self._program = program
+                self._law_interlock.follow(law=steps, patience_s=patience_s)
+
+    def leave_program(self, program: object) -> None:
+        """This program commands no more steps."""
+        with self._command_lock:
+            if self._program is program:
+                self._end_program()
 
     def follows_program(self, program: object) -> bool:
         """Nothing else has commanded a current since this program began."""
@@ -207,7 +218,7 @@ class CurrentSourceThread(ReadingThread):
         with self._command_lock:
             if self._program is not program:
                 return False
-            self._command(current_A, enable=True)
+            self._command(current_A, enable=True, program=program)
             self._driver.send_now()
             return True
 
@@ -218,14 +229,13 @@ class CurrentSourceThread(ReadingThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
-            self._program = None
             self._command(0.0, enable=False)
             self._driver.send_now()
 
     def zero_now(self) -> None:
         """Command 0 A, output stage off, and put the frame on the wire at once; never raises."""
         with self._command_lock:
-            self._zeroed, self._program = True, None
+            self._zeroed = True
             self._zeroed_ns = monotonic_ns()
             self._command(0.0, enable=False)
             try:
@@ -235,8 +245,21 @@ class CurrentSourceThread(ReadingThread):
                 self._zero_error = error
                 say(f"0 A could not be sent: {error}")
 
-    def _command(self, current_A: float, *, enable: bool, clear_faults: bool = False) -> None:
-        """Change what is sent; a set-point that lasts for less than a status period is counted all the same."""
+    def _end_program(self) -> None:
+        """The current is no longer that of a program, if it was; both change together, under the lock of commands."""
+        if self._program is not None:
+            self._program = None
+            self._law_interlock.follow(law=False)
+
+    def _command(
+        self, current_A: float, *, enable: bool, clear_faults: bool = False, program: object | None = None
+    ) -> None:
+        """Change what is sent; a set-point that lasts for less than a status period is counted all the same.
+
+        Any command except a step of the `program` ends the program that is followed.
+        """
+        if self._program is not program:
+            self._end_program()
         before_A = self._driver.commanded_A
         self._driver.command(current_A, enable=enable, clear_faults=clear_faults)
         if self._driver.commanded_A != before_A:
@@ -270,11 +293,6 @@ class CurrentSourceThread(ReadingThread):
     def commanded_A(self) -> float:
         """Set-point of the commands (A); 0 while the output stage is to be off."""
         return self._driver.commanded_A
-
-    @property
-    def patience_s(self) -> float:
-        """Age at which its last value is stale (wall s)."""
-        return 1e-9 * self._stale_ns
 
     @property
     def coil_degC(self) -> float:
@@ -420,7 +438,7 @@ class CurrentSourceThread(ReadingThread):
             if not late and self._driver.traits.measures:
                 # What waited may be from before the set-point.
                 findings += self._current_interlock.check(status, commanded_A, now_ns, self._set_points)
-                findings += self.law_interlock.check(status, commanded_A, now_ns)
+                findings += self._law_interlock.check(status, commanded_A, now_ns)
         self._report_stamps()
         self._report_not_numbers()
         if batch.statuses:

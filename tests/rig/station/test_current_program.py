@@ -139,6 +139,26 @@ def test_a_trip_and_its_reset_between_two_steps_end_the_program() -> None:
     assert rig.commanded() == [0.0, 0.0]
 
 
+def test_the_end_of_a_program_does_not_end_the_check_of_the_next_one() -> None:
+    """The thread of a program notices its end some milliseconds later, when the next one may have started."""
+    rig = Rig()
+    interlock, first, second = rig.coil._law_interlock, object(), object()
+    rig.coil.follow_program(first, steps=True)
+    assert interlock._commanded
+    rig.coil.set_current(0.5)
+    assert not interlock._commanded, "the current is constant from this command on"
+    rig.coil.follow_program(second, steps=True)
+    rig.coil.leave_program(first)
+    assert interlock._commanded
+    assert rig.coil.follows_program(second)
+    rig.coil.leave_program(second)
+    assert not interlock._commanded
+    rig.coil.follow_program(first, steps=True)
+    rig.coil.follow_law(law=True)
+    rig.coil.set_current(1.0)
+    assert interlock._commanded, "a control law commands each current anew"
+
+
 def test_a_step_that_is_overtaken_by_the_next_one_is_not_commanded() -> None:
     rig = Rig(rate=1000.0)  # both are due before the thread runs
     rig.run(STEPS)
