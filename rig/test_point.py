@@ -160,6 +160,12 @@ class TestPoint:
         return bool(self.steps_s)
 
     @property
+    def steps_in_motion(self) -> tuple[tuple[float, float], ...]:
+        """Time (s) and current (A) of the steps that the station makes; what is left of a block makes only some."""
+        count = sum(at_s < self.motion_s for at_s in self.steps_s)
+        return tuple(zip(self.steps_s[:count], self.steps_A[:count], strict=True))
+
+    @property
     def after_cycles(self) -> bool:
         """Whether this point shows the specimen after cycles of an endurance test."""
         return self.endurance is not None

@@ -258,8 +258,8 @@ class ActionExecutor:
             return
         steps: dict[str, Any] = {}
         if point.current_programmed:
-            count = sum(at_s < point.motion_s for at_s in point.steps_s)  # what is left of a block may be shorter
-            steps["current"] = {"time_s": list(point.steps_s[:count]), "current_A": list(point.steps_A[:count])}
+            times_s, currents_A = zip(*point.steps_in_motion, strict=True)
+            steps["current"] = {"time_s": list(times_s), "current_A": list(currents_A)}
         if point.record_samples is not None:
             self._requests.ask(Request.START, signal=signal_order(point, point.record_samples), **steps)
             return

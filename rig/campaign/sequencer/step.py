@@ -198,7 +198,7 @@ def _run(state: State, event: ev.CurrentSettled) -> Step:
         state = replace(state, steps_left=point.steps_A[1:])
         return _hold_step(state, begin)
     if point.current_programmed:
-        state = replace(state, last_current_A=point.steps_A[-1])
+        state = replace(state, last_current_A=point.steps_in_motion[-1][1])
     return _start(state, Phase.RUNNING, program, begin)
 
 

@@ -78,6 +78,16 @@ def test_a_stopped_block_goes_on_with_the_cycles_that_are_left() -> None:
     assert state.point.endurance == EnduranceStep("e", 42, 300, 1, 100, 10)
 
 
+def test_what_is_left_of_a_block_ends_with_the_last_current_that_was_commanded() -> None:
+    """Whether the coil is demagnetised before the next point depends on it."""
+    whole = replace(block(1, 0), steps_s=(0.0, 10.0, 40.0), steps_A=(0.0, 1.0, 0.5))
+    rest = left_of(whole, 20)  # 11 s with its ramps
+    state = replace(running((rest,)), phase=Phase.SETTLING, recording=False)
+    assert after(state, ev.CurrentSettled())[0].last_current_A == 1.0
+    assert rest.steps_in_motion == ((0.0, 0.0), (10.0, 1.0))
+    assert after(replace(state, queue=(whole,)), ev.CurrentSettled())[0].last_current_A == 0.5
+
+
 def test_a_block_whose_cycles_were_all_run_before_the_stop_is_not_repeated() -> None:
     stopped = (ev.Tripped(StopKind.FADE_OUT, RESTARTABLE), ev.Safe(StopKind.FADE_OUT))
     state, _ = after(running(), *stopped, counted(0, 100))
