@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -21,16 +22,20 @@ EVERY = 2
 
 
 def forecaster(specimen: Specimen) -> Forecast:
-    """The best forecast the specimen's section allows; a point that brings its own keeps that."""
+    """The best forecast the specimen's section allows; a point that brings its own keeps that.
+
+    Equal motions, of which an endurance test has thousands, are computed once.
+    """
     of_waveforms = _of_waveforms(specimen)
 
-    def forecast(point: TestPoint) -> tuple[float | None, float | None]:
+    @cache
+    def of_motion(point: TestPoint) -> tuple[float | None, float | None]:
         own = point.forecast
         if own is not None:
             return own.force_N, own.energy_J + _coil_J(point, specimen)
         return _of_program(point, of_waveforms) if point.current_programmed else of_waveforms(point)
 
-    return forecast
+    return lambda point: of_motion(point.without_name)
 
 
 def _of_program(point: TestPoint, at_constant_current: Forecast) -> tuple[float | None, float | None]:

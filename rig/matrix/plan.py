@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -208,16 +209,10 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         prediction = f"from {specimen.assumed.description}"
     elif specimen.max_force_N is not None:
         prediction = f"at most {display.force.text(specimen.max_force_N)}"
-    checked: dict[TestPoint, PlannedPoint] = {}
-
-    def check(point: TestPoint) -> PlannedPoint:
-        """Equal motions are checked once: an endurance test has thousands of them."""
-        alike = point.without_name
-        if alike not in checked:
-            checked[alike] = _check(point, matrix, bench, predict)
-        return replace(checked[alike], point=point)
-
-    points = tuple(check(point) for point in in_running_order(matrix, bench))
+    # An endurance test has thousands of equal motions.
+    check = cache(lambda motion: _check(motion, matrix, bench, predict))
+    running = in_running_order(matrix, bench)
+    points = tuple(replace(check(point.without_name), point=point) for point in running)
     in_order = [item.point for item in points]
     hints, longest_trials_s = _iterated(in_order, matrix)
     warnings = (
@@ -234,21 +229,19 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
             f"the current is set manually: the operator must change it {changes} times, after setting 0 A at "
             "the start",
         )
+    planned = Plan(
+        points, bench.name, specimen.serial_number, prediction, warnings=warnings, display=display,
+        storage=storage_of(in_order, bench), trials_s=longest_trials_s,
+    )  # fmt: skip
     if matrix.temperature is None:
-        return Plan(
-            points, bench.name, specimen.serial_number, prediction, warnings=warnings, display=display,
-            storage=storage_of(in_order, bench), trials_s=longest_trials_s,
-        )  # fmt: skip
+        return planned
     thermal = thermal_of(in_order, predict, matrix.temperature)
     warm_up = _checked_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
     waits_s = None
     if warm_up.feasible and all(item.energy_J is not None for item in (*points, warm_up)):
         loads = [load_of(point, predict) for point in in_order]
         waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
-    return Plan(
-        points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings, display,
-        storage_of(in_order, bench), longest_trials_s,
-    )  # fmt: skip
+    return replace(planned, temperature_s=waits_s, warm_up=warm_up)
 
 
 def endurance_json(points: Iterable[TestPoint]) -> list[dict[str, Any]]:

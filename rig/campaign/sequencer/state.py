@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cache
 
 from rig.bench.model import Bench
 from rig.campaign.results import RigState
@@ -164,10 +165,11 @@ def _pressure_while_asked(bench: Bench) -> str:
 def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     """The conditions a matrix asks for on a bench."""
     points, temperature = matrix.points(), matrix.temperature
+    ceiling = cache(lambda motion: _ceiling(motion, matrix, bench))  # an endurance test has thousands of equal motions
     conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         iteration=None if matrix.sweep.iterate is None else matrix.sweep.iterate.settings,
-        ceilings=_ceilings(points, matrix, bench),
+        ceilings={point.id: ceiling(point.without_name) for point in points if point.adapts},
         demagnetise=matrix.campaign.demagnetise,
         powered_test=bench.actuator.watchdog_tested != "off",
         hand=ManualState(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
@@ -175,21 +177,13 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     if temperature is None:
         return conditions
     forecast = forecaster(matrix.specimen)
-    loads = {alike: load_of(alike, forecast) for alike in {point.without_name for point in points}}
     return replace(
         conditions,
         thermal=thermal_of(points, forecast, temperature),
-        loads=tuple((point.id, loads[point.without_name]) for point in points),
+        loads=tuple((point.id, load_of(point, forecast)) for point in points),
         warm_up=warm_up_point(points, forecast, temperature),
         longest_s=temperature.longest_s,
     )
-
-
-def _ceilings(points: Iterable[TestPoint], matrix: Matrix, bench: Bench) -> dict[str, Ceiling]:
-    """By id; equal motions, of which an endurance test has thousands, are computed once."""
-    adapting = [point for point in points if point.adapts]
-    of_motion = {alike: _ceiling(alike, matrix, bench) for alike in {point.without_name for point in adapting}}
-    return {point.id: of_motion[point.without_name] for point in adapting}
 
 
 def _ceiling(point: TestPoint, matrix: Matrix, bench: Bench) -> Ceiling:
