@@ -16,6 +16,7 @@ from rig.files.section import Section
 from rig.matrix.motion_size import SPEED, STROKE, Amplitude, Frequency, PeakSpeed, Stroke
 from rig.matrix.sections import CoilCurrent, Identifier, OneMotion, RampCycles, WaveformName
 from rig.signals.program_cycles import RepeatedProgram
+from rig.signals.program_limits import MOST_STEPS
 from rig.signals.waveform import SINE, waveform_named
 from rig.signals.wear_trend import StopRule, stop_rule
 from rig.test_point import ENDURANCE, HYBRID, EnduranceStep, TestPoint
@@ -24,8 +25,6 @@ LONGEST_BLOCK_S = 600.0
 """A block that the matrix file does not size; statistics and stop rules are evaluated after each block."""
 MOST_BLOCK_CYCLES = 10_000
 FEWEST_BLOCK_CYCLES = 10
-MOST_STEPS = 2000
-"""Of a current program through a block, as in the station."""
 WHOLE_CYCLES = 1e-6
 """Relative deviation of the program's period from a whole number of cycles."""
 END = "end"

@@ -20,6 +20,7 @@ from rig.matrix.model import Matrix
 from rig.matrix.stopping import stop_fits, stopping_reach, within
 from rig.matrix.storage import LARGEST_BLOCK_BYTES, journal_bytes, most_in_a_block
 from rig.matrix.streaming import peaks, some
+from rig.signals.program_limits import MOST_STEPS, SHORTEST_HOLD_S
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
 from rig.test_point import ENDURANCE, HYBRID, RESPONSE, TestPoint
@@ -40,9 +41,6 @@ not determine to which level it settles (3 mA at 6, 16 mA at 5, 30 mA at 4 for 4
 
 SETTLED_SHARE = 0.95
 """Of a step, that the current must make before the next one."""
-
-MOST_CURRENT_STEPS, SHORTEST_CURRENT_HOLD_S = 2000, 0.002
-"""Of a current program, as in the station."""
 
 SETTLED_STEPS = 4.0
 """Of the measured current: the noise of a current controller is some steps (2 mA of 1 mA on the simulated rig)."""
@@ -276,16 +274,16 @@ def _of_steps(point: TestPoint, eta_1_s: float) -> Iterator[Reason]:
 def _of_program(point: TestPoint, bench: Bench) -> Iterator[Reason]:
     """Whether the steps of a current program fit into the motion, and whether the current source can take them."""
     count, last_s = len(point.steps_s), point.steps_s[-1]
-    if count > MOST_CURRENT_STEPS:
-        text = f"the current program has {count} steps; allowed: at most {MOST_CURRENT_STEPS}"
+    if count > MOST_STEPS:
+        text = f"the current program has {count} steps; allowed: at most {MOST_STEPS}"
         yield Reason("current", text, count)
     if last_s >= point.motion_s and point.kind != ENDURANCE:  # a block states the whole program
         text = (
             f"the last step of the current program is at {last_s:.4g} s, but the motion ends at {point.motion_s:.4g} s"
         )
         yield Reason("current", text, last_s)
-    hold_s = min((after - before for before, after in pairwise(point.steps_s)), default=math.inf)
-    needed_s = max(SHORTEST_CURRENT_HOLD_S, 0.0 if bench.ecu.described_supply is None else bench.ecu.poll_s)
+    hold_s = _shortest_hold_s(point)
+    needed_s = max(SHORTEST_HOLD_S, 0.0 if bench.ecu.described_supply is None else bench.ecu.poll_s)
     if _beyond(needed_s, hold_s):
         text = (
             f"the current program holds a current for only {show(hold_s, 'ms', 3)}; this current source requires at "
@@ -294,11 +292,16 @@ def _of_program(point: TestPoint, bench: Bench) -> Iterator[Reason]:
         yield Reason("current-settling", text, needed_s / max(hold_s, 1e-9))
 
 
+def _shortest_hold_s(point: TestPoint) -> float:
+    """Shortest time between two steps of a current program (s)."""
+    return min((after - before for before, after in pairwise(point.steps_s)), default=math.inf)
+
+
 def _of_supply(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Whether the current source can make the steps of a current program: voltage, inductance, rate of change."""
     specimen, ecu = matrix.specimen, bench.ecu
     largest_A, limit_V = max(map(abs, point.steps_A)), ecu.voltage_limit_V
-    hold_s = min((after - before for before, after in pairwise(point.steps_s)), default=math.inf)
+    hold_s = _shortest_hold_s(point)
     step_A = max((abs(after - before) for before, after in pairwise(point.steps_A)), default=0.0)
     if ecu.slew_limit_A_s is not None and _beyond(step_A / ecu.slew_limit_A_s, hold_s):
         text = (

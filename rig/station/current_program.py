@@ -17,6 +17,7 @@ from drivers.clock import back_whenever, back_within
 from drivers.errors import DriverError
 from drivers.roles import State
 from rig.clock import monotonic_ns
+from rig.signals.program_limits import MOST_STEPS, SHORTEST_HOLD_S
 from rig.station.errors import StationRefused
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say_error
@@ -24,9 +25,6 @@ from rig.station.motion_start import read_order
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices
 
-MOST_STEPS = 2000
-"""Longest program; its text in a recorded file stays below the 64 KiB of an HDF5 attribute."""
-SHORTEST_HOLD_S = 0.002
 SAME_CURRENT_A = 1e-6
 LOOK_S = 0.050
 """So often (wall s) a program that waits for its next step checks that its motion is still running."""
