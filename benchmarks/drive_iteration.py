@@ -42,7 +42,7 @@ from rig.recording.quality.tracking import run_of
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.drive_iteration import IterationSettings, SignalDrive, advanced, allowed_start, drive_for
 from rig.signals.following import following
-from rig.signals.record import STEP_S, Record
+from rig.signals.record import STEP_S, Record, between_ramps
 from rig.station.signal_source import SignalOrder
 from rig.test_point import TestPoint
 from simulators.options import RigOptions
@@ -142,7 +142,7 @@ def true_errors(target: Record, truth: Truth, begin_s: float) -> tuple[float, fl
     """True RMS error after removal of the delay, and without that, relative to the target's RMS."""
     wanted, measured = target.amplitude_m * target.shape, truth.displacement_m
     time_s = STEP_S * np.arange(len(wanted))
-    inside = (time_s >= target.ramp_s) & (time_s <= time_s[-1] - target.ramp_s)
+    inside = between_ramps(target, len(wanted))
     if target.force is not None:
         played_N = truth.force_N[(truth.controller_s >= begin_s) & (truth.controller_s <= begin_s + time_s[-1])]
         wanted, measured = target.force.force_N - np.mean(target.force.force_N), truth.force_N - np.mean(played_N)

@@ -14,9 +14,9 @@ from rig.dampers import DamperModel, model, parameter_set
 from rig.dampers.covered import BEYOND, LEAST
 from rig.fits.entries import TestedRange
 from rig.fits.fit_record import FitRecord
-from rig.signals.force_motion import between_ramps, force_error
+from rig.signals.force_motion import force_error
 from rig.signals.force_target import SpeedOfForce
-from rig.signals.record import STEP_S, Record
+from rig.signals.record import STEP_S, Record, between_ramps
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:  # it loads the compiler

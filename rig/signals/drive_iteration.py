@@ -23,7 +23,7 @@ import numpy as np
 from rig.signals.arrays import BoolArray, ComplexArray, FloatArray
 from rig.signals.following import following
 from rig.signals.force_motion import force_error
-from rig.signals.record import STEP_S, Record, record_of
+from rig.signals.record import STEP_S, Record, between_ramps, record_of, with_faded_ends
 
 SEGMENTS = 8
 """Of the noise, which overlap by half: 15 averages, with which a coherence of 0.2 is chance at most."""
@@ -214,6 +214,11 @@ class SignalDrive:
     of_force: bool = False
 
     @property
+    def key(self) -> tuple[str, float, float]:
+        """Equal for drives of the same target at the same current."""
+        return self.mark, self.amplitude_m, self.current_A
+
+    @property
     def settled(self) -> bool:
         """Whether the command is final."""
         return bool(self.outcome)
@@ -299,8 +304,7 @@ def drive_for(target: Record, current_A: float, known: SignalDrives, settings: I
 
 def remembered_signal(known: SignalDrives, drive: SignalDrive) -> SignalDrives:
     """What is known, with this drive in place of an earlier one of the same target and current."""
-    key = (drive.mark, drive.amplitude_m, drive.current_A)
-    return (*(one for one in known if (one.mark, one.amplitude_m, one.current_A) != key), drive)
+    return (*(one for one in known if one.key != drive.key), drive)
 
 
 def allowed_start(drive: SignalDrive, target: Record, limits: CommandLimits) -> SignalDrive:
@@ -522,7 +526,7 @@ def identified(
 
     command = noise.amplitude_m * noise.shape
     time_s = STEP_S * np.arange(len(command), dtype=np.float64)
-    inside = (time_s >= noise.ramp_s) & (time_s <= time_s[-1] - noise.ramp_s)
+    inside = between_ramps(noise, len(command))
     scale = float(np.std(measured)) / float(np.std(command))
     delay_s = following(time_s, measured, time_s[inside], scale * command[inside]).delay_s
     undelayed = shifted(measured, delay_s)
@@ -554,7 +558,7 @@ def tried(
     """
     wanted = target.amplitude_m * target.shape
     time_s = STEP_S * np.arange(len(wanted), dtype=np.float64)
-    inside = (time_s >= target.ramp_s) & (time_s <= time_s[-1] - target.ramp_s)
+    inside = between_ramps(target, len(wanted))
     seen = following(time_s, measured, time_s[inside], wanted[inside])
     undelayed = shifted(measured, seen.delay_s)
     spectrum, frequency_Hz = _spectrum(np.where(inside, wanted - undelayed, 0.0))
@@ -589,8 +593,7 @@ def next_command(target: Record, trial: Trial, response: FrequencyResponse, gain
 
 def command_record(target: Record, position: FloatArray) -> Record:
     """Samples as the command for a target: at rest at its centre at both ends, of the target's duration and name."""
-    left_s = STEP_S * np.minimum(np.arange(len(position)), np.arange(len(position))[::-1])
-    return with_samples(target, position * 0.5 * (1.0 - np.cos(math.pi * np.clip(left_s / EDGE_S, 0.0, 1.0))))
+    return with_samples(target, with_faded_ends(position, EDGE_S))
 
 
 def with_samples(target: Record, position: FloatArray) -> Record:

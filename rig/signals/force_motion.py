@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rig.signals.arrays import BoolArray, FloatArray
+from rig.signals.arrays import FloatArray
 from rig.signals.force_target import ForceTarget, SpeedOfForce
-from rig.signals.record import STEP_S, NoRecord, Record, RecordFacts, low_passed, record_of
+from rig.signals.record import STEP_S, NoRecord, Record, RecordFacts, between_ramps, low_passed, record_of
 
 HALVINGS = 60
 """Of the interval in which the offset lies."""
@@ -76,12 +76,6 @@ def equivalent_motion(target: ForceTarget, run: RecordFacts, evaluated: RecordFa
     centred_N = force_N - float(np.mean(force_N[between_ramps(run, len(force_N))])) + mean_N
     motion_m = _without_slow(STEP_S * np.cumsum(target.inverse.speed(centred_N)), target.lowest_Hz)
     return motion_m if target.highest_Hz is None else low_passed(motion_m, target.highest_Hz)  # as that of the target
-
-
-def between_ramps(record: RecordFacts, count: int) -> BoolArray:
-    """Which samples of a record lie between its ramps (n,)."""
-    time_s = STEP_S * np.arange(count, dtype=np.float64)
-    return np.asarray((time_s >= record.ramp_s) & (time_s <= time_s[-1] - record.ramp_s))
 
 
 def force_error(target_N: FloatArray, force_N: FloatArray) -> float:

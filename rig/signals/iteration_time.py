@@ -24,7 +24,7 @@ def trials_s(
         known: what is known already.
         between_s: allowed for each run beside its motion (s).
     """
-    drives = {(drive.mark, drive.amplitude_m, drive.current_A): drive for drive in known}
+    drives = {drive.key: drive for drive in known}
     moved = {(drive.mark, drive.amplitude_m) for drive in drives.values() if drive.response is not None}
     responses = [drive.response for drive in drives.values() if drive.response is not None]
     covered_Hz = max((float(response.frequency_Hz[-1]) for response in responses), default=0.0)

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray
 from rig.signals.force_target import ForceTarget
 from rig.signals.free_motion import mean_rate_Hz
 
@@ -228,8 +228,7 @@ def _faded(
             f"{duration_s:.4g} s long; allowed {needed_s:g} s (two ramps of {ramp_s:g} s and {LEAST_KEPT_S:g} s "
             f"between them) to {LONGEST_S:g} s"
         )
-    left_s = STEP_S * np.minimum(np.arange(len(position_m)), np.arange(len(position_m))[::-1])
-    faded = position_m * 0.5 * (1.0 - np.cos(math.pi * np.clip(left_s / ramp_s, 0.0, 1.0)))
+    left_s, faded = _left_s(len(position_m)), with_faded_ends(position_m, ramp_s)
     largest_m = float(np.max(np.abs(faded)))
     if not largest_m > 0.0:
         raise NoRecord("no motion")
@@ -247,6 +246,23 @@ def _faded(
         name, duration_s, ramp_s, own_Hz, sha256, amplitude_m=largest_m if amplitude_m is None else amplitude_m,
         mark=mark, shape=shape,
     )
+
+
+def with_faded_ends(values: FloatArray, fade_s: float) -> FloatArray:
+    """Samples (n,) that begin and end at 0: half a cosine over so long (s) at both ends."""
+    share = np.clip(_left_s(len(values)) / fade_s, 0.0, 1.0)
+    return np.asarray(values * 0.5 * (1.0 - np.cos(math.pi * share)), np.float64)
+
+
+def _left_s(count: int) -> FloatArray:
+    """Time (s) from each of so many samples to the nearer end (n,)."""
+    return np.asarray(STEP_S * np.minimum(np.arange(count), np.arange(count)[::-1]), np.float64)
+
+
+def between_ramps(record: RecordFacts, count: int) -> BoolArray:
+    """Which of so many samples of a record lie between its ramps (n,)."""
+    time_s = STEP_S * np.arange(count, dtype=np.float64)
+    return np.asarray((time_s >= record.ramp_s) & (time_s <= time_s[-1] - record.ramp_s))
 
 
 def low_passed(values: FloatArray, highest_Hz: float, step_s: float = STEP_S) -> FloatArray:

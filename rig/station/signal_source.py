@@ -166,15 +166,15 @@ class SignalSource:
         order = self._order
         if elapsed_s > order.duration_s + LARGEST_STEP_S and self._count:
             return None
-        setpoint = order.at(min(elapsed_s, order.duration_s))
+        at_s = min(elapsed_s, order.duration_s)
+        setpoint = order.at(at_s)
+        target = setpoint if order.target is None else order.target.at(at_s)
         now_ns, self._count = monotonic_ns(), self._count + 1
-        commanded_m, target_m = setpoint.position_m - order.centre_m, setpoint.position_m - order.centre_m
+        values = [(Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, target.position_m - order.centre_m)]
         if order.target is not None:
-            target_m = order.target.at(min(elapsed_s, order.duration_s)).position_m - order.centre_m
-        values = [(Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, target_m)]
-        values += [] if order.target is None else [(Channel.SIGNAL_COMMAND, commanded_m)]
+            values.append((Channel.SIGNAL_COMMAND, setpoint.position_m - order.centre_m))
         if order.force_N:
-            values.append((Channel.SIGNAL_FORCE, order.force_at(min(elapsed_s, order.duration_s))))
+            values.append((Channel.SIGNAL_FORCE, order.force_at(at_s)))
         self._append([(now_ns, NO_DEVICE_TIME, value, self._count, channel, 0) for channel, value in values])
         return setpoint
 

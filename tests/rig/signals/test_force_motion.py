@@ -12,8 +12,8 @@ from scipy.signal import bilinear, lfilter
 from rig.matrix.assumed_damper import of_set
 from rig.signals.arrays import FloatArray
 from rig.signals.drive_iteration import IterationSettings, SignalDrive, advanced, allowed_start, drive_for
-from rig.signals.force_motion import between_ramps, equivalent_motion, force_error, force_record
-from rig.signals.record import STEP_S, NoRecord, Record, record_of
+from rig.signals.force_motion import equivalent_motion, force_error, force_record
+from rig.signals.record import STEP_S, NoRecord, Record, between_ramps, record_of
 
 DEMO = of_set("demo")
 CURRENT_A = 1.0
