@@ -26,21 +26,23 @@ def trials_s(
     """
     drives = {drive.key: drive for drive in known}
     moved = {(drive.mark, drive.amplitude_m) for drive in drives.values() if drive.response is not None}
-    responses = [drive.response for drive in drives.values() if drive.response is not None]
-    covered_Hz = max((float(response.frequency_Hz[-1]) for response in responses), default=0.0)
+    covered_Hz = {False: 0.0, True: 0.0}  # a response to displacement says nothing of force, nor the reverse
+    for drive in drives.values():
+        if drive.response is not None:
+            covered_Hz[drive.of_force] = max(covered_Hz[drive.of_force], float(drive.response.frequency_Hz[-1]))
     begun, total_s = set[tuple[str, float, float]](), 0.0
     for target, current_A in signals:
         motion, key = (target.mark, target.amplitude_m), (target.mark, target.amplitude_m, current_A)
         if key in begun:
             continue
         begun.add(key)
-        drive = drives.get(key)
-        if drive is not None and drive.settled:
+        own = drives.get(key)
+        if own is not None and own.settled:
             continue
-        if motion not in moved and covered_Hz < target.highest_Hz:
+        if motion not in moved and covered_Hz[target.of_force] < target.highest_Hz:
             total_s += settings.noise_s + between_s
-            covered_Hz = target.highest_Hz
+            covered_Hz[target.of_force] = target.highest_Hz
         moved.add(motion)
-        trials = settings.most + 1 - (0 if drive is None else len(drive.trials))
+        trials = settings.most + 1 - (0 if own is None else len(own.trials))
         total_s += max(0, trials) * (target.duration_s + between_s)
     return total_s

@@ -25,6 +25,7 @@ from rig.signals.drive_iteration import (
     with_samples,
 )
 from rig.signals.following import following
+from rig.signals.iteration_time import trials_s
 from rig.signals.record import STEP_S, Record, record_of
 
 SETTINGS = IterationSettings(noise_s=10.0)
@@ -293,3 +294,12 @@ def test_the_force_of_a_stored_command_is_checked_for_the_motion_that_it_gives()
         command = with_samples(TARGET, factor * TARGET.amplitude_m * TARGET.shape)
         kept = SignalDrive(TARGET.mark, TARGET.amplitude_m, 1.0, 0.8, command, response, start="kept")
         assert allowed_start(kept, TARGET, ByMotion()).start == start
+
+
+def test_the_trials_of_a_force_include_its_own_noise() -> None:
+    """As in `drive_for`: a response to displacement does not serve for a force."""
+    trials_s_each = (SETTINGS.most + 1) * TARGET.duration_s
+    force = replace(TARGET, of_force=True, mark="force")
+    other = random_record(0.5, 10.0, 2e-3)
+    assert trials_s([(TARGET, 1.0), (other, 1.0)], SETTINGS) == pytest.approx(SETTINGS.noise_s + 2 * trials_s_each)
+    assert trials_s([(TARGET, 1.0), (force, 1.0)], SETTINGS) == pytest.approx(2 * (SETTINGS.noise_s + trials_s_each))
