@@ -252,15 +252,15 @@ def with_blocks_counted(stock: Stock, points: tuple[TestPoint, ...], endurance: 
     """What remains once the cycles of endurance tests are counted: a block is done when its cycles were run."""
     if not endurance:
         return stock
-    to_run = {point.id for point in stock.remaining}
-    remaining = endurance.remaining(point for point in points if point.kind == ENDURANCE or point.id in to_run)
-    left = {point.id for point in remaining}
-    recorded = (*stock.results, *stock.invalid)
     blocks = {point.id for point in points if point.kind == ENDURANCE}
-    kept = tuple(r for r in recorded if r.id not in left and (r.id in blocks or r in stock.results))
+    to_run = blocks | {point.id for point in stock.remaining}
+    remaining = endurance.remaining(point for point in points if point.id in to_run)
+    left = {point.id for point in remaining}
+    whole = (result for result in stock.invalid if result.id in blocks)  # all of their cycles were run
     return replace(
-        stock, remaining=remaining, results=kept,
-        invalid=tuple(result for result in recorded if result.id in left),
+        stock, remaining=remaining,
+        results=tuple(result for result in (*stock.results, *whole) if result.id not in left),
+        invalid=tuple(result for result in (*stock.results, *stock.invalid) if result.id in left),
     )
 
 
