@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -60,6 +60,8 @@ class EnduranceStop(Section):
 
 class Endurance(OneMotion):
     """Cycles in blocks; the matrix's points are run before the first, every `performance_every`, and at the end."""
+
+    later: ClassVar[frozenset[str]] = OneMotion.later | {"current_program", "current_period_s"}
 
     id: Identifier | None = None
     waveform: WaveformName = SINE.name

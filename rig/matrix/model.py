@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -23,7 +23,7 @@ from rig.bench.model import Bench
 from rig.errors import FileProblem, FileProblems
 from rig.files.display_table import DisplayTable
 from rig.files.loader import WrongKind, load_section
-from rig.files.section import Section
+from rig.files.section import ExtendedSection
 from rig.matrix import named_files
 from rig.matrix.acceptance_table import AcceptanceTable
 from rig.matrix.endurance_table import Endurance
@@ -56,8 +56,10 @@ LATER = frozenset({"law", "most_current_A", "sky_share", "law_damping_N_s_m"})
 """Entries of a hybrid test that came after campaigns with such tests had been run."""
 
 
-class Matrix(Section):
+class Matrix(ExtendedSection):
     """A whole matrix file."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"acceptance", "endurance", "response"})
 
     format: Literal[1]
     specimen: Specimen
@@ -154,9 +156,6 @@ class Matrix(Section):
         """The digest without these entries of a hybrid test."""
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
         apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "line": True, "sweep": unused}
-        apart |= {"acceptance": True} if self.acceptance is None else {}
-        apart |= {} if self.endurance else {"endurance": True}
-        apart |= {} if self.response else {"response": True}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():

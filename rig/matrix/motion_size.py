@@ -33,8 +33,6 @@ OTHER_NAMES: Mapping[str, str] = {
     "displacement": "amplitude or stroke", "peak_to_peak": "stroke", "freq": "frequency",
 }
 """Names that test engineers use for these entries, and the entry."""
-LATER = ("stroke_m", "speed_m_s", "iterate", "current_program", "current_period_s")
-"""Entries that came after campaigns without them had been run: where they are not used, no digest includes them."""
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import (
     Field,
     PrivateAttr,
-    SerializerFunctionWrapHandler,
     create_model,
     field_validator,
-    model_serializer,
 )
 
 from protocols.descriptions import Problem
@@ -23,12 +21,11 @@ from rig.dampers import MODELS, PARAMETER_SETS
 from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 from rig.errors import FileProblem
 from rig.files.quantity import Quantity, Wording
-from rig.files.section import Section
+from rig.files.section import ExtendedSection, Section
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
 from rig.matrix.corrections import CORRECTIONS, SETTINGS, Correction
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
 from rig.matrix.motion_size import (
-    LATER,
     OTHER_NAMES,
     SPEED,
     STROKE,
@@ -61,8 +58,10 @@ Identifier = Annotated[
 ]  # fmt: skip
 
 
-class Specimen(Section):
+class Specimen(ExtendedSection):
     """The damper under test."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"coil_inductance_H"})
 
     serial_number: Identifier
     stroke_m: Annotated[float, Quantity("length", "0 mm", "2 m", above=True)] = Field(alias="stroke")
@@ -84,11 +83,6 @@ class Specimen(Section):
         default=None, alias="coil_inductance", description="with coil_resistance and the voltage limit of a supply: "
             "how fast the current can change"
     )
-
-    @model_serializer(mode="wrap")
-    def _without_inductance(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Where it is not stated, it is left out: digests of earlier files stay as they are."""
-        return {name: value for name, value in handler(self).items() if value or name != "coil_inductance_H"}
 
     _fitted: AssumedDamper | None = PrivateAttr(default=None)
 
@@ -124,15 +118,11 @@ class Specimen(Section):
         return of_set(self.prior) if self.prior is not None and not is_fit_file(self.prior) else self._fitted
 
 
-class Motions(Section):
+class Motions(ExtendedSection):
     """Base of the tables that describe cyclic motions by amplitude or stroke, frequency or peak speed."""
 
     other_names: ClassVar[Mapping[str, str]] = OTHER_NAMES
-
-    @model_serializer(mode="wrap")
-    def _without_unused(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Later entries that are not used are left out: digests of earlier files stay as they are."""
-        return {name: value for name, value in handler(self).items() if value or name not in LATER}
+    later: ClassVar[frozenset[str]] = frozenset({"stroke_m", "speed_m_s"})
 
 
 class OneMotion(Motions):
@@ -167,6 +157,8 @@ class Sweep(Motions):
     Of amplitude (or stroke), frequency and speed, any two are given. Signals (`sweep`, `road`, `file`) have tables of
     their own; they are run at every current.
     """
+
+    later: ClassVar[frozenset[str]] = Motions.later | {"iterate"}
 
     waveform: tuple[MotionName, ...] = Field(default=(SINE.name,), min_length=1)
     amplitude_m: tuple[Amplitude, ...] = Field(default=(), alias="amplitude")

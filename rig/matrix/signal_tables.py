@@ -10,17 +10,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
+from pydantic import AfterValidator, Field, PrivateAttr
 
 from protocols.descriptions import Problem
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.files.loader import load_section
 from rig.files.quantity import Quantity, located
-from rig.files.section import Section
+from rig.files.section import ExtendedSection, Section
 from rig.matrix.record_file import DISPLACEMENT, FORCE, LARGEST_BYTES, read_record
 from rig.signals.drive_iteration import IterationSettings
 from rig.signals.force_motion import force_record
@@ -178,8 +178,10 @@ class RoadTable(SignalTable):
         )
 
 
-class FileTable(SignalTable):
+class FileTable(ExtendedSection, SignalTable):
     """`[matrix.file]`: CSV files of time and displacement about the centre, or of time and force."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"target", "lowest_Hz"})
 
     file: Names = Field(
         description="CSV files with columns such as time_s and displacement_mm; 0 is the specimen's mid-stroke "
@@ -205,13 +207,6 @@ class FileTable(SignalTable):
     ramp_s: Ramp = RAMP
 
     _forces: list[tuple[str, FloatArray]] = PrivateAttr(default_factory=list)
-
-    @model_serializer(mode="wrap")
-    def _without_unused(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Later entries that are not used are left out: digests of earlier files stay as they are."""
-        unused = {"target"} if self.target == DISPLACEMENT else set()
-        unused |= {"lowest_Hz"} if self.lowest_Hz is None else set()
-        return {name: value for name, value in handler(self).items() if name not in unused}
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`; of forces, the motions depend on the expected damper (`force_record`)."""
