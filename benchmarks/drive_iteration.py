@@ -228,7 +228,7 @@ def main() -> int:
     for servo, options, seed in servos(given.servos):
         rig = FollowingRig(options, seed=seed, poll_s=POLL_S)
         for matrix, point in ((one, point) for one in matrices for point in one.points()):
-            settings = matrix.sweep.iterate.settings if matrix.sweep.iterate is not None else IterationSettings()
+            settings = matrix.sweep.iteration or IterationSettings()
             result = iterated(servo, rig, point, matrix, bench, settings)
             drive = result.drive
             numbers = [f"{100.0 * error:.2f} %" for error in (*result.without, *result.final)]

@@ -90,7 +90,11 @@ class Matrix(ExtendedSection):
     @property
     def endurance_tests(self) -> dict[str, Endurance]:
         """The endurance tests by their ids, in order."""
-        return {test.id or f"e{number}": test for number, test in enumerate(self.endurance, start=1)}
+        return dict(zip(self._endurance_ids, self.endurance, strict=True))
+
+    @property
+    def _endurance_ids(self) -> tuple[str, ...]:
+        return tuple(test.id or f"e{number}" for number, test in enumerate(self.endurance, start=1))
 
     @cached_property
     def _ordered(self) -> tuple[TestPoint, ...]:
@@ -323,7 +327,7 @@ class Matrix(ExtendedSection):
         )
 
     def _tests_named_once(self) -> Iterator[Problem]:
-        names = [(test.id or f"e{number}").casefold() for number, test in enumerate(self.endurance, start=1)]
+        names = [name.casefold() for name in self._endurance_ids]
         for number, name in enumerate(names):
             if name in names[:number]:
                 text = f"two endurance tests have the ID {name!r}. Fix: give each [[endurance]] a unique id"

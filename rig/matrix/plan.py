@@ -267,9 +267,9 @@ def endurance_json(points: Iterable[TestPoint]) -> list[dict[str, Any]]:
 def _iterated(points: Sequence[TestPoint], matrix: Matrix) -> tuple[tuple[str, ...], float]:
     """What precedes points whose command is iterated, in words, and its longest duration (s); empty and 0 without."""
     signals = [point for point in points if point.kind == SIGNAL]
-    if matrix.sweep.iterate is None or not signals:
+    settings = matrix.sweep.iteration
+    if settings is None or not signals:
         return (), 0.0
-    settings = matrix.sweep.iterate.settings
     targets = [(point.record_samples, point.current_A) for point in signals]
     longest_s = trials_s(
         ((record, current_A) for record, current_A in targets if record is not None), settings, between_s=SETTLING_S

@@ -37,6 +37,7 @@ from rig.matrix.motion_size import (
 )
 from rig.matrix.signal_tables import FileTable, IterateTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
+from rig.signals.drive_iteration import IterationSettings
 from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
 from rig.units import show
 
@@ -181,6 +182,11 @@ class Sweep(Motions):
     road: RoadTable | None = None
     file: FileTable | None = None
     iterate: IterateTable | None = None
+
+    @property
+    def iteration(self) -> IterationSettings | None:
+        """How the commands of signals are iterated; None: they are not."""
+        return None if self.iterate is None else self.iterate.settings
 
     @property
     def signals(self) -> dict[str, SignalTable]:

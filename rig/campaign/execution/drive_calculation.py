@@ -23,7 +23,7 @@ from rig.matrix.forecast import forecaster
 from rig.recording.alignment.alignment import NothingRecorded, align
 from rig.recording.drive_file import DriveOwner, kept_drives, write_drive
 from rig.recording.quality.tracking import run_of
-from rig.signals.drive_iteration import IterationSettings, SignalDrive, SignalDrives, advanced, allowed_start, drive_for
+from rig.signals.drive_iteration import SignalDrive, SignalDrives, advanced, allowed_start, drive_for
 from rig.signals.record import NoRecord
 from rig.test_point import SIGNAL, TestPoint
 
@@ -85,7 +85,7 @@ class DriveCalculation:
             NothingRecorded: the run has no samples.
         """
         campaign, point, run = self._campaign, action.point, action.run
-        target, settings = point.record_samples, iteration_settings(campaign)
+        target, settings = point.record_samples, campaign.matrix.sweep.iteration
         limits = SignalLimits(point, campaign.matrix, campaign.bench, forecaster(campaign.matrix.specimen))
         if target is None or settings is None:
             return None
@@ -113,12 +113,6 @@ class DriveCalculation:
             self._campaign.log.note("warning", text=text)
 
 
-def iteration_settings(campaign: CampaignContext) -> IterationSettings | None:
-    """How the campaign's signals are iterated; None: they are not."""
-    table = campaign.matrix.sweep.iterate
-    return None if table is None else table.settings
-
-
 def drive_owner(campaign: CampaignContext) -> DriveOwner:
     """The machine and the specimen of a campaign."""
     return DriveOwner(campaign.matrix.specimen.serial_number, campaign.bench.digest)
@@ -126,7 +120,7 @@ def drive_owner(campaign: CampaignContext) -> DriveOwner:
 
 def stored_drives(campaign: CampaignContext) -> SignalDrives:
     """Drives in the campaign's folder, from an earlier session or copied from an earlier run, to start from."""
-    settings = iteration_settings(campaign)
+    settings = campaign.matrix.sweep.iteration
     if settings is None:
         return ()
     points = tuple(item.point for item in campaign.plan.points if item.point.kind == SIGNAL)

@@ -168,7 +168,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     ceiling = cache(lambda motion: _ceiling(motion, matrix, bench))  # an endurance test has thousands of equal motions
     conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
-        iteration=None if matrix.sweep.iterate is None else matrix.sweep.iterate.settings,
+        iteration=matrix.sweep.iteration,
         ceilings={point.id: ceiling(point.without_name) for point in points if point.adapts},
         demagnetise=matrix.campaign.demagnetise,
         powered_test=bench.actuator.watchdog_tested != "off",
