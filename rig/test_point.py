@@ -172,7 +172,7 @@ class TestPoint:
 
     @property
     def without_name(self) -> TestPoint:
-        """The same motion without id, repeat and position in an endurance test: equal for points that run alike."""
+        """The same motion without id, repeat and position in an endurance test: equal for points with equal motions."""
         return replace(self, id="", repeat=1, endurance=None)
 
     @property

@@ -136,9 +136,9 @@ class ControllerOptions:
 class DamperOptions:
     """The specimen's force model; the parameters come from a named set and may be replaced one by one.
 
-    The specimen wears with the distance that its rod travels, if asked to: the model's force falls by
+    The specimen wears with the distance that its rod travels, if a rate is given: the model's force falls by
     `force_loss_per_km` of its first value, seal friction grows by `friction_gain_N_per_km`, gas force falls by
-    `gas_loss_N_per_km`; `travelled_km` is where it begins.
+    `gas_loss_N_per_km`; `travelled_km` is the distance before the test.
 
     Two thermal nodes: the body is heated by `F v` and loses `heat_loss_W_K` to ambient, the coil is heated by `I^2 R`
     and loses `coil_to_body_W_K` to the body. Force depends on the body's temperature; the ECU sees the coil's.

@@ -104,7 +104,7 @@ class Matrix(ExtendedSection):
         return (*performance, *itertools.chain.from_iterable(cycles))
 
     def _performance(self) -> tuple[TestPoint, ...]:
-        """Every point in order, endurance tests apart."""
+        """Every point in order, without those of endurance tests."""
         written = self._written()
         if self.sweep.order == "random":
             random.Random(self.sweep.seed).shuffle(written)

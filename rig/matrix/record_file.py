@@ -22,7 +22,7 @@ LARGEST_BYTES = 50_000_000
 FEWEST_ROWS = 4
 MOST_SHOWN = 8
 LARGEST_VALUE = 1e16
-"""Of a value as written: microseconds since 1970 are 2e15; beyond it no wholes are told apart."""
+"""Of a value as written: microseconds since 1970 are 2e15; beyond it whole numbers are not distinguished."""
 SEPARATORS = ",;\t"
 TIME, DISPLACEMENT, FORCE = "time", "displacement", "force"
 EXAMPLE = {TIME: "time_s", DISPLACEMENT: "displacement_mm", FORCE: "force_N"}

@@ -15,11 +15,11 @@ from rig.bench.model import Bench
 from rig.test_point import ENDURANCE, TestPoint
 
 COPIES_ON_DISK = 2.5
-"""Journal, HDF5 file being written beside it, and margin."""
+"""Journal, HDF5 file being written at the same time, and margin."""
 STATUS_RECORDS_Hz = 1500.0
 """Records of the controller's and the ECU's status a second, above the sensors' samples."""
 SETTLING_S = 0.5
-"""Allowed for each point beside its motion: current settles, rod returns to centre, file closes."""
+"""Allowed for each point in addition to its motion: current settles, rod returns to centre, file closes."""
 FILE_BYTES = 90_000
 """Of a block's file without any cycle: descriptions of its channels."""
 CYCLE_BYTES = 64

@@ -22,7 +22,7 @@ def trials_s(
         signals: each target with its current (A), in running order.
         settings: of the iteration.
         known: what is known already.
-        between_s: allowed for each run beside its motion (s).
+        between_s: allowed for each run in addition to its motion (s).
     """
     drives = {drive.key: drive for drive in known}
     moved = {(drive.mark, drive.amplitude_m) for drive in drives.values() if drive.response is not None}

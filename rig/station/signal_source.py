@@ -2,8 +2,8 @@
 
 The samples come with the start request and are checked here again, against the machine's limits, before any is sent.
 Between two of them the set-point follows the cubic through their positions and speeds. Where the motion is the iterated
-command for a target, the target comes with it: it is recorded beside each set-point and moves nothing. So does a target
-force.
+command for a target, the target comes with it: it is recorded with each set-point and moves nothing. The same applies
+to a target force.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class Plant:
             warmer = float(self.state["temperature_degC"][0]) - self._reference_degC
             self._damper[:] = self._base * (1.0 + self._thermal * self._change_per_K * warmer)
         if self._wear.wears:
-            self._worn()
+            self._apply_wear()
         self.first_step = self.step
         count = plant_loop()(
             steps,
@@ -106,8 +106,8 @@ class Plant:
         self.force_input.take(self.out[:, FORCE])
         return [(float(time_s), int(kind), float(value)) for time_s, kind, value in self._events[:count]]
 
-    def _worn(self) -> None:
-        """The constants of the damper after the distance travelled so far."""
+    def _apply_wear(self) -> None:
+        """Set the constants of the damper to those after the distance travelled so far."""
         for name, value in self._wear.constants().items():
             self.constants[name][0] = value
 

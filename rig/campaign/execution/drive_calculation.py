@@ -104,7 +104,7 @@ class DriveCalculation:
         )
 
     def _keep(self, point: TestPoint, drive: SignalDrive) -> None:
-        """Store the drive beside the points; a disk that refuses it does not end the iteration."""
+        """Store the drive next to the points; a disk that refuses it does not end the iteration."""
         folder = self._campaign.files.drives
         try:
             write_drive(folder, point.id, drive_owner(self._campaign), point, drive)

@@ -183,7 +183,7 @@ class PointRecording:
         return None
 
     def _count(self, point: TestPoint, file: Path | None) -> None:
-        """Count the cycles of a block's file, and tell the operator how the test stands."""
+        """Count the cycles of a block's file, and show the operator the state of the test."""
         campaign = self.campaign
         self.counted[point.id] = campaign.endurance.count(point, file)
         campaign.endurance.save()

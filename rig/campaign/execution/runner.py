@@ -458,7 +458,7 @@ class Runner:
         if settings is None:
             return 0.0
         queue, drives, left_s = self._trials_left
-        if queue is not state.queue or drives is not state.signal_drives:  # it is asked for ten times a second
+        if queue is not state.queue or drives is not state.signal_drives:  # called ten times a second
             signals = [(point.record_samples, point.current_A) for point in state.queue if point.kind == SIGNAL]
             known = ((record, current_A) for record, current_A in signals if record is not None)
             left_s = trials_s(known, settings, state.signal_drives)

@@ -51,7 +51,7 @@ class Source:
 
 
 class Rig:
-    """A station whose motion runs until it is told otherwise; `rate` device seconds pass in a second."""
+    """A station whose motion runs until `state` is changed; `rate` device seconds pass in a second."""
 
     def __init__(self, rate: float = 1.0, **source: Any) -> None:  # noqa: ANN401 - the source's own arguments
         self.journal, config = Journal(), config_for()
