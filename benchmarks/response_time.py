@@ -18,12 +18,20 @@ import time
 
 import numpy as np
 
-from rig.signals.step_response import LEVELS, Record, State, StepResponse, TimeResult, filtered_lag, step_response
+from rig.signals.step_response import (
+    LEVEL_NAMES,
+    LEVELS,
+    Record,
+    State,
+    StepResponse,
+    TimeResult,
+    filtered_lag,
+    step_response,
+)
 
 NOISE_N, REPEATS = 5.0, 5
 GOAL_S, GOAL_SHARE = 0.3e-3, 0.05
-NAMES = ("dead time", "lag", *(f"fit t{100 * level:.0f}" for level in LEVELS),
-         *(f"crossing t{100 * level:.0f}" for level in LEVELS))
+NAMES = ("dead time", "lag", *(f"{way} {name}" for way in ("fit", "crossing") for name in LEVEL_NAMES))
 
 
 def plant(seed: int) -> tuple[StepResponse, list[float]]:

@@ -81,6 +81,11 @@ def joined(words: list[Words], separator: str) -> Words:
     return tuple(together)
 
 
+def capitalised(text: str) -> str:
+    """A text with a capital first letter; the others stay as they are."""
+    return text[:1].upper() + text[1:]
+
+
 def verdict(name: str) -> Label:
     """A point's verdict as a label."""
     return Label(name, OF_VERDICT.get(name, PLAIN))

@@ -22,6 +22,7 @@ from rig.matrix.storage import LARGEST_BLOCK_BYTES, journal_bytes, most_in_a_blo
 from rig.matrix.streaming import peaks, some
 from rig.signals.program_limits import MOST_STEPS, SHORTEST_HOLD_S
 from rig.signals.record import Record
+from rig.signals.sensor_filter import DELAY_TIMES_BANDWIDTH
 from rig.signals.waveform import waveform_named
 from rig.test_point import ENDURANCE, HYBRID, RESPONSE, TestPoint
 from rig.units import show
@@ -464,9 +465,6 @@ def _most(steps: int, fits: Callable[[int], bool]) -> int:
 
 HARMONICS = 20
 """The sensor passes so many: a first-order filter at 20 f takes 0.1 % of the fundamental, and 11 % of the tenth."""
-
-DELAY_TIMES_BANDWIDTH = math.sqrt(2.0) / math.tau
-"""Group delay times cut-off frequency of a second-order Butterworth filter at low frequency, 0.225."""
 
 
 def sampling_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:

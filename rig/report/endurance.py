@@ -26,7 +26,7 @@ from rig.document.blocks import (
 from rig.document.figure import Axis, Figure, Panels, Style, Trace, thinned
 from rig.document.numbers import NOTHING, number
 from rig.document.style import FITTED, MEASURED, RESIDUAL, current_colour
-from rig.document.words import FAIR, GOOD, PLAIN, POOR, Key, Severity
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Key, Severity, capitalised
 from rig.recording.endurance import COMPLETE, ENDED
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
@@ -93,7 +93,7 @@ def _rules(test: EnduranceTest) -> Blocks:
         known = change[np.isfinite(change)]  # the last section may have no statistics
         last = float(known[-1]) if known.size else np.nan
         cycles, interval = _forecast(expected)
-        cells = (_capital(RULES[rule.name].words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
+        cells = (capitalised(RULES[rule.name].words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
         rows.append(Row(cells, _severity(rule, last)))
     return [table(RULE_HEAD, rows)] if rows else []
 
@@ -102,10 +102,6 @@ def _severity(rule: StopRule, last: float) -> Severity:
     if not np.isfinite(last):
         return PLAIN
     return POOR if last >= rule.limit else FAIR if last >= NEAR_LIMIT * rule.limit else PLAIN
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _value(rule: StopRule, value: float) -> str:
@@ -138,14 +134,14 @@ def _wear(test: EnduranceTest, display: Display) -> Blocks:
     groups = sections.groups
     colours = [MEASURED] if len(groups) == 1 else [current_colour(place, len(groups)) for place in range(len(groups))]
     figures = []
-    for place, (title, unit, values) in enumerate(_columns(sections, display)):
-        if not np.any(np.isfinite(values)):
+    for of_groups in zip(*(_columns(group, display) for group in groups), strict=True):
+        title, unit, _ = of_groups[0]
+        if not any(np.any(np.isfinite(values)) for _, _, values in of_groups):
             continue
         traces = []
-        for group, colour in zip(groups, colours, strict=True):
+        for group, colour, (_, _, values) in zip(groups, colours, of_groups, strict=True):
             rows = thinned(len(group), MOST_DRAWN)
-            own = list(_columns(group, display))[place][2]
-            traces.append(Trace(group.cycle[rows], own[rows], Style.POINTS, colour=colour))
+            traces.append(Trace(group.cycle[rows], values[rows], Style.POINTS, colour=colour))
         figures.append(Figure(Axis("Cycles"), Axis(title, unit), traces, WIDTH, HEIGHT, title))
     figures += list(_rule_figures(test))
     medians = [Key("median of a section", MEASURED)]
@@ -193,7 +189,7 @@ def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
             last = int(np.flatnonzero(np.isfinite(change))[-1])
             line = np.array([100.0 * change[last], 100.0 * rule.limit])
             traces.append(Trace(np.array([cycles[last], expected.cycles]), line, Style.THIN, "forecast", RESIDUAL))
-        title = _capital(RULES[rule.name].words)
+        title = capitalised(RULES[rule.name].words)
         yield Figure(Axis("Cycles"), Axis(title, "%"), traces, WIDTH, HEIGHT, title)
 
 

@@ -6,7 +6,7 @@ The table is made of the same numbers as `characteristics.json`, so that the ter
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -17,9 +17,10 @@ from rig.document.blocks import Block, Blocks, Card, Cards, Column, Figures, Key
 from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, number, with_uncertainty
 from rig.document.style import FITTED, MEASURED, RESIDUAL, category_colour
-from rig.document.words import Key, Strong
+from rig.document.words import Key, Strong, capitalised
 from rig.identification.points.response_steps import COMMAND, Curve, ResponseTest
-from rig.signals.step_response import LEVELS, State
+from rig.signals.arrays import FloatArray
+from rig.signals.step_response import LEVEL_NAMES, LEVELS, State
 
 NOTE = (
     "The current is stepped while the rod moves at constant velocity. Dead time, and time until the force has made "
@@ -30,7 +31,6 @@ NOTE = (
 FROM_CURRENT = (
     "The simulated rig ran faster than real time, so the times count from the start of the measured coil current."
 )
-NAMES = tuple(f"t{100 * level:.0f}" for level in LEVELS)
 WIDTH, HEIGHT = 320, 220
 SHOWN = 3
 """Results that a remark names; it states the number of the others."""
@@ -63,7 +63,7 @@ def response_blocks(tests: Sequence[Mapping[str, Any]], display: Display, *, nar
     """
     head = [
         Column("velocity", display.speed.unit, True), Column("current", "A"), Column("step", display.force.unit, True),
-        Column("dead time", "ms", True), *(Column(name, "ms", True) for name in NAMES),
+        Column("dead time", "ms", True), *(Column(name, "ms", True) for name in LEVEL_NAMES),
         Column("coil t63", "ms", True), Column("behind coil", "ms", True),
     ]
     rows = [_row(test, display) for test in tests]
@@ -86,7 +86,7 @@ def _row(test: Mapping[str, Any], display: Display) -> list[str]:
     return [
         number(display.speed.signed(test["velocity_m_s"]), 3), f"{test['from_A']:.3g} {ARROW} {test['to_A']:.3g}",
         NOTHING if force["step_N"] is None else number(display.force.value(abs(force["step_N"])), 3),
-        time_words(force["dead_time"]), *(_of_level(force, name) for name in NAMES),
+        time_words(force["dead_time"]), *(_of_level(force, name) for name in LEVEL_NAMES),
         _of_level(current, "t63") if current else NOTHING,
         NOTHING if behind is None else _ms(behind["value_s"], behind["std_s"]),
     ]
@@ -101,7 +101,7 @@ def _of_level(response: Mapping[str, Any], name: str) -> str:
 
 
 def time_words(time: Mapping[str, Any]) -> str:
-    """A time in ms with its standard uncertainty; `< limit` or `> limit` where it cannot be told; a dash."""
+    """A time in ms with its standard uncertainty; `< limit` or `> limit` where only that is known; a dash."""
     if time["state"] == State.MEASURED:
         return _ms(time["value_s"], time["std_s"])
     sign = {State.FASTER: "<", State.SLOWER: ">"}.get(time["state"])
@@ -145,20 +145,16 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
     """What a reader must know of one result."""
     force = test["force"]
     if force["why"]:
-        yield _capital(force["why"])
-    if any(force["fit"][name]["state"] == State.SLOWER for name in NAMES):
+        yield capitalised(force["why"])
+    if any(force["fit"][name]["state"] == State.SLOWER for name in LEVEL_NAMES):
         yield "The force did not settle within the window. Fix: a longer window (lower speed or longer stroke)"
-    fast = [name for name in NAMES if force["crossing"][name]["state"] == State.FASTER]
+    fast = [name for name in LEVEL_NAMES if force["crossing"][name]["state"] == State.FASTER]
     if fast:
         yield f"Too few samples around {', '.join(fast)} to read the time without a model"
     if not force["first_order"]:
         yield "The response is not of first order"
     if force["repeats_scatter"]:
         yield "The repeats scatter by more than the noise"
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _cards(tests: Sequence[ResponseTest], display: Display) -> Iterable[Card]:
@@ -180,7 +176,7 @@ def _traces(curve: Curve, rises: bool) -> list[Trace]:
     """Force, fit and current of one step, rising or falling."""
     time_ms = 1e3 * curve.time_s
 
-    def shown(share: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def shown(share: FloatArray) -> FloatArray:
         return 100.0 * (share if rises else 1.0 - share)
 
     what = "on" if rises else "off"
@@ -197,7 +193,7 @@ def _summary(tests: Sequence[ResponseTest], display: Display) -> list[Block]:
     known = [test for test in tests if test.best(place).measured]
     if len(known) < 2:
         return []
-    name = NAMES[place]
+    name = LEVEL_NAMES[place]
     figures = [
         _over(known, place, Axis("Velocity", display.speed.unit), f"{name} vs. velocity",
               lambda test: display.speed.signed(test.velocity_m_s), lambda test: f"{_high_A(test):.3g} A"),
@@ -213,7 +209,8 @@ def _high_A(test: ResponseTest) -> float:
 
 
 def _over(
-    tests: Sequence[ResponseTest], place: int, axis: Axis, title: str, at: Any, group: Any,  # noqa: ANN401 - test -> number or name
+    tests: Sequence[ResponseTest], place: int, axis: Axis, title: str, at: Callable[[ResponseTest], float],
+    group: Callable[[ResponseTest], str],
 ) -> Figure:
     """Times over one quantity: a line for each group and direction of the step, with 95 % intervals."""
     lines: dict[str, list[ResponseTest]] = {}

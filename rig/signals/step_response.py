@@ -28,11 +28,15 @@ from enum import StrEnum
 import numpy as np
 from scipy import optimize, stats
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray
+from rig.signals.sensor_filter import FILTER_DELAY
 
 LEVELS = (0.632, 0.90, 0.95)
 """Shares of the step whose times are stated; the first is that of a time constant, 1 - 1/e."""
+LEVEL_NAMES = tuple(f"t{100 * level:.0f}" for level in LEVELS)
 CONFIDENCE = 0.95
+NORMAL = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE))
+"""Standard deviations of a normal variable within which this share of it lies."""
 FEWEST_BEFORE, FEWEST_AFTER = 4, 6
 """Samples of a record before its step and after it."""
 SETTLED_LAGS = 5.0
@@ -60,8 +64,6 @@ WIDER, TIMES_WIDER = 1.25, 4
 """It is widened by this factor, so many times at most, until there are enough samples in it."""
 FEWEST_PLACES = 6
 """Different instants of samples within a parabola."""
-FILTER_DELAY = math.sqrt(2.0)
-"""Delay of a second-order Butterworth filter at low frequencies times its angular cut-off frequency."""
 
 
 class State(StrEnum):
@@ -220,6 +222,11 @@ def step_response(records: Sequence[Record], seen: Seen = Seen()) -> StepRespons
     return _Group(usable, seen).response()
 
 
+def _drift(time_s: FloatArray, *, drifts: bool) -> FloatArray:
+    """Columns of the line that a quantity follows before a step or long after it, (n, 2); without drift (n, 1)."""
+    return np.column_stack((np.ones(len(time_s)), time_s)) if drifts else np.ones((len(time_s), 1))
+
+
 class _Group:
     """Records of one group with what is derived from them."""
 
@@ -229,11 +236,7 @@ class _Group:
         steps_s = np.concatenate([np.diff(record.time_s) for record in records])
         self.sample_s = float(np.median(steps_s))
         self.count = sum(len(record.time_s) for record in records)
-        self._columns = [self._drift(record.time_s) for record in records]
-
-    def _drift(self, time_s: FloatArray) -> FloatArray:
-        """Columns of the drift, (n, 2) or (n, 1)."""
-        return np.column_stack((np.ones(len(time_s)), time_s)) if self.seen.drifts else np.ones((len(time_s), 1))
+        self._columns = [_drift(record.time_s, drifts=seen.drifts) for record in records]
 
     def response(self) -> StepResponse:
         """Everything that the records say."""
@@ -268,7 +271,7 @@ class _Group:
             curve=lambda time_s: filtered_lag(np.asarray(time_s, np.float64), dead_s, lag_s, self.seen.bandwidth_Hz),
         )
         if slow:
-            return replace(known, crossing=tuple(replace(result, value_s=math.nan) for result in fit), fits=True)
+            return replace(known, crossing=tuple(replace(result, value_s=math.nan) for result in fit))
         fits = self._fits(residuals, dead_s, lag_s)
         lag_std_s = lag_s * math.sqrt(max(0.0, float(covariance[1, 1])))
         crossings = _Crossings(self, dead_s, lag_s, noise)
@@ -302,7 +305,7 @@ class _Group:
             return result
         shifts_s = [other.value_s - result.value_s for other in others if other.measured]
         more_s = math.sqrt(sum(shift_s**2 for shift_s in shifts_s))
-        half_s = math.hypot(result.high_s - result.value_s, stats.norm.ppf(0.5 + 0.5 * CONFIDENCE) * more_s)
+        half_s = math.hypot(result.high_s - result.value_s, NORMAL * more_s)
         return replace(
             result, std_s=math.hypot(result.std_s, more_s), low_s=result.value_s - half_s,
             high_s=result.value_s + half_s,
@@ -313,7 +316,7 @@ class _Group:
     ) -> TimeResult:
         """A time with its interval; `absolute`: it is counted from the origin of the times."""
         common_s, std_s = self.seen.time_std_s if absolute else 0.0, max(std_s, LEAST_STD_S)
-        half_s = math.hypot(quantile * std_s, stats.norm.ppf(0.5 + 0.5 * CONFIDENCE) * common_s)
+        half_s = math.hypot(quantile * std_s, NORMAL * common_s)
         result = TimeResult(value_s, math.hypot(std_s, common_s), value_s - half_s, value_s + half_s, State.MEASURED)
         if slow:
             return replace(result, state=State.SLOWER, limit_s=self.window_s)
@@ -327,13 +330,21 @@ class _Group:
 
     def residuals(self, theta: FloatArray) -> list[FloatArray]:
         """What the best a, b, D and c leave of each record at this dead time and logarithm of the lag."""
-        dead_s, lag_s = float(theta[0]), math.exp(float(theta[1]))
-        rest = []
-        for record, drift in zip(self.records, self._columns, strict=True):
-            shape = filtered_lag(record.time_s, dead_s, lag_s, self.seen.bandwidth_Hz)
-            basis, _ = np.linalg.qr(np.column_stack((drift, drift * shape[:, None])))
-            rest.append(record.value - basis @ (basis.T @ record.value))
-        return rest
+        return self.rest([float(theta[0])] * len(self.records), math.exp(float(theta[1])))
+
+    def rest(self, dead_s: Sequence[float], lag_s: float) -> list[FloatArray]:
+        """What the best a, b, D and c leave of each record at its dead time (s) and a common lag (s)."""
+        left = []
+        for place, record in enumerate(self.records):
+            basis, _ = np.linalg.qr(self._design(place, dead_s[place], lag_s))
+            left.append(record.value - basis @ (basis.T @ record.value))
+        return left
+
+    def _design(self, place: int, dead_s: float, lag_s: float) -> FloatArray:
+        """Columns of a, b, D and c for a record, (n, 4) or (n, 2)."""
+        drift = self._columns[place]
+        shape = filtered_lag(self.records[place].time_s, dead_s, lag_s, self.seen.bandwidth_Hz)
+        return np.column_stack((drift, drift * shape[:, None]))
 
     def _all_residuals(self, theta: FloatArray) -> FloatArray:
         """The residuals of all records (n,)."""
@@ -342,7 +353,7 @@ class _Group:
     def fitted(self) -> FloatArray:
         """Dead time (s) and logarithm of the lag, by least squares from several starts.
 
-        The sum of squares has a minimum of its own wherever the dead time passes a sample, so that starts are spread
+        The sum of squares has a separate minimum wherever the dead time passes a sample, so that starts are spread
         over the intervals of the sampling.
         """
         first = self._guess()
@@ -394,10 +405,9 @@ class _Group:
     def _size(self, theta: FloatArray, noise: _Noise) -> tuple[float, float]:
         """Mean change of the quantity at the step (t = 0), and its standard error."""
         sizes, variance = [], 0.0
-        for record, drift in zip(self.records, self._columns, strict=True):
-            shape = filtered_lag(record.time_s, float(theta[0]), math.exp(float(theta[1])), self.seen.bandwidth_Hz)
-            inverse = np.linalg.pinv(np.column_stack((drift, drift * shape[:, None])))
-            row = inverse[drift.shape[1]]
+        for place, record in enumerate(self.records):
+            inverse = np.linalg.pinv(self._design(place, float(theta[0]), math.exp(float(theta[1]))))
+            row = np.asarray(inverse[self._columns[place].shape[1]], np.float64)
             sizes.append(float(row @ record.value))
             variance += noise.variance_of(row)
         return float(np.mean(sizes)), math.sqrt(variance) / len(sizes)
@@ -495,16 +505,15 @@ def _with_scatter(
         variances: (n, p) of the influences by the noise.
     """
     count = len(influences)
-    normal = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE))
     if count < 3:
-        return covariance, False, normal
+        return covariance, False, NORMAL
     weights = variances / np.maximum(np.sum(variances, axis=0), 1e-300)
     apart = influences - weights * np.sum(influences, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         chi = np.nansum(np.where(variances > 0.0, apart**2 / variances, 0.0), axis=0)
     worst = float(np.max(chi))
     if stats.chi2.sf(worst, count - 1) >= HETEROGENEOUS / influences.shape[1]:
-        return covariance, False, normal
+        return covariance, False, NORMAL
     return covariance * worst / (count - 1), True, float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
 
 
@@ -523,7 +532,7 @@ class _Lines:
     """
 
     def __init__(self, record: Record, settled_s: float, reached: FloatArray, *, drifts: bool) -> None:
-        self._time_s, self._drifts = record.time_s, drifts
+        self._columns = _drift(record.time_s, drifts=drifts)
         self.baseline = record.time_s < 0.0
         self.settled = record.time_s >= settled_s
         there = reached[self.settled]
@@ -532,13 +541,7 @@ class _Lines:
         settled = (record.value[self.settled] - (1.0 - there) * self.before[self.settled]) / there
         self.change = self._columns @ (self._end @ settled) - self.before
 
-    @property
-    def _columns(self) -> FloatArray:
-        if self._drifts:
-            return np.column_stack((np.ones(len(self._time_s)), self._time_s))
-        return np.ones((len(self._time_s), 1))
-
-    def _fit(self, chosen: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> FloatArray:
+    def _fit(self, chosen: BoolArray) -> FloatArray:
         return np.asarray(np.linalg.pinv(self._columns[chosen]))
 
     def spread(self, weights: FloatArray, shares: FloatArray) -> FloatArray:
@@ -613,9 +616,7 @@ class _Crossings:
             at_s += move_s
         return NOT_KNOWN
 
-    def _local(
-        self, at_s: float, half_s: float
-    ) -> tuple[list[np.ndarray[tuple[int], np.dtype[np.bool_]]], FloatArray, FloatArray] | None:
+    def _local(self, at_s: float, half_s: float) -> tuple[list[BoolArray], FloatArray, FloatArray] | None:
         """Samples around a time: which of each record, their times and shares; None where there are too few.
 
         No sample from before the end of the dead time is among them: there the response has a corner.
@@ -632,8 +633,7 @@ class _Crossings:
         return None
 
     def _with_errors(
-        self, at_s: float, chosen: Sequence[np.ndarray[tuple[int], np.dtype[np.bool_]]], weights: FloatArray,
-        rest: FloatArray,
+        self, at_s: float, chosen: Sequence[BoolArray], weights: FloatArray, rest: FloatArray
     ) -> TimeResult:
         """The time with its standard error, and the correction for the sensor's filter.
 
@@ -726,15 +726,11 @@ def onsets(records: Sequence[Record]) -> tuple[FloatArray, float] | None:
     count = len(records)
     start = np.concatenate((np.full(count, float(first[0])), [float(first[1])]))
 
-    def rest(theta: FloatArray) -> FloatArray:
-        lag_s, left = math.exp(float(theta[-1])), []
-        for record, dead_s in zip(records, theta[:-1], strict=True):
-            shape = filtered_lag(record.time_s, float(dead_s), lag_s, None)
-            basis, _ = np.linalg.qr(np.column_stack((np.ones(len(shape)), shape)))
-            left.append(record.value - basis @ (basis.T @ record.value))
-        return np.concatenate(left)
+    def residuals(theta: FloatArray) -> FloatArray:
+        return np.concatenate(group.rest(theta[:-1].tolist(), math.exp(float(theta[-1]))))
 
-    solved = optimize.least_squares(rest, start, x_scale=np.append(np.full(count, group.sample_s), 0.2), max_nfev=30)
+    scale = np.append(np.full(count, group.sample_s), 0.2)
+    solved = optimize.least_squares(residuals, start, x_scale=scale, max_nfev=30)
     power = 2.0 * float(solved.cost) / max(1, group.count - 3 * count - 1)
     slopes = np.asarray(solved.jac, np.float64)
     covariance = power * np.linalg.pinv(slopes.T @ slopes)

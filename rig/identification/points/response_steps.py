@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from rig.errors import RigError, evaluating
+from rig.fits.plain import plain
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import BoolArray, FloatArray
-from rig.signals.step_response import LEVELS, Record, Seen, StepResponse, TimeResult, onsets, step_response
+from rig.signals.sensor_filter import DELAY_TIMES_BANDWIDTH
+from rig.signals.step_response import LEVEL_NAMES, Record, Seen, StepResponse, TimeResult, onsets, step_response
 from rig.test_point import RESPONSE
 
 COMMAND, CURRENT = "command", "current"
@@ -34,8 +36,6 @@ SHORTEST_S = 0.02
 """Least baseline and least window of a step that is used."""
 SPEED_TOLERANCE = 0.2
 SAME_CURRENT_A = 0.002
-DELAY_TIMES_BANDWIDTH = math.sqrt(2.0) / math.tau
-"""Group delay times cut-off frequency of a second-order Butterworth filter at low frequency, 0.225."""
 HOST_STD_S = 0.0005
 """Standard uncertainty of a command's host time on the controller's clock: what the delays on both wires leave open."""
 PLACES = 251
@@ -109,42 +109,38 @@ class ResponseTest:
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
-        return {
+        shown: dict[str, Any] = plain({
             "id": self.id, "velocity_m_s": self.velocity_m_s, "direction": self.direction, "from_A": self.from_A,
             "to_A": self.to_A, "switched": "on" if self.rises else "off", "steps": self.steps,
-            "discarded": self.discarded, "origin": self.origin, "origin_std_s": _known(self.origin_std_s),
+            "discarded": self.discarded, "origin": self.origin, "origin_std_s": self.origin_std_s,
             "window_s": self.window_s, "force_sample_s": self.sample_s[0],
-            "current_sample_s": _known(self.sample_s[1]), "force": response_json(self.force, "N"),
-            "current": None if self.current is None else response_json(self.current, "A"),
+            "current_sample_s": self.sample_s[1], "force": _response_json(self.force, "N"),
+            "current": None if self.current is None else _response_json(self.current, "A"),
             "behind_current": None if math.isnan(self.behind_s[0]) else {
                 "value_s": self.behind_s[0], "std_s": self.behind_s[1],
             },
-        }
+        })
+        return shown
 
 
-def response_json(response: StepResponse, unit: str) -> dict[str, Any]:
-    """A response as plain types."""
-    names = [f"t{100 * level:.0f}" for level in LEVELS]
+def _response_json(response: StepResponse, unit: str) -> dict[str, Any]:
+    """A response for `plain`."""
     return {
-        f"step_{unit}": _known(response.size), f"step_std_{unit}": _known(response.size_std),
-        f"noise_{unit}": _known(response.noise), "noise_correlation": response.correlation,
+        f"step_{unit}": response.size, f"step_std_{unit}": response.size_std,
+        f"noise_{unit}": response.noise, "noise_correlation": response.correlation,
         "dead_time": _time_json(response.dead), "lag": _time_json(response.lag),
-        "fit": {name: _time_json(time) for name, time in zip(names, response.fit, strict=True)},
-        "crossing": {name: _time_json(time) for name, time in zip(names, response.crossing, strict=True)},
+        "fit": {name: _time_json(time) for name, time in zip(LEVEL_NAMES, response.fit, strict=True)},
+        "crossing": {name: _time_json(time) for name, time in zip(LEVEL_NAMES, response.crossing, strict=True)},
         "first_order": response.fits, "repeats_scatter": response.scatters, "why": response.why or None,
     }
 
 
 def _time_json(time: TimeResult) -> dict[str, Any]:
     return {
-        "state": str(time.state), "value_s": _known(time.value_s) if time.measured else None,
-        "std_s": _known(time.std_s) if time.measured else None, "low_s": _known(time.low_s),
-        "high_s": _known(time.high_s), "limit_s": _known(time.limit_s),
+        "state": str(time.state), "value_s": time.value_s if time.measured else None,
+        "std_s": time.std_s if time.measured else None, "low_s": time.low_s, "high_s": time.high_s,
+        "limit_s": time.limit_s,
     }
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def response_tests(points: Sequence[RecordedPoint]) -> tuple[tuple[ResponseTest, ...], list[str]]:
@@ -387,8 +383,7 @@ def _curve(
     if response.curve is None:
         return None
     time_s = np.linspace(-0.25 * window_s, window_s, PLACES)
-    known = of_current is not None and of_current.curve is not None
-    current = _mean_course(currents, time_s, of_current) if known else np.full(PLACES, math.nan)
+    current = _mean_course(currents, time_s, of_current)
     return Curve(time_s, _mean_course(records, time_s, response), current, response.curve(time_s))
 
 
