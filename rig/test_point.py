@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from rig.display import SI, Display
+from rig.signals.program_cycles import RepeatedProgram
 from rig.signals.record import Record, RecordFacts
 from rig.signals.waveform import Waveform, waveform_named
 
@@ -164,6 +165,15 @@ class TestPoint:
         """Time (s) and current (A) of the steps that the station makes; what is left of a block makes only some."""
         count = sum(at_s < self.motion_s for at_s in self.steps_s)
         return tuple(zip(self.steps_s[:count], self.steps_A[:count], strict=True))
+
+    @property
+    def repeated_program(self) -> RepeatedProgram | None:
+        """The current program that a block of an endurance test repeats; None at a constant current."""
+        if self.endurance is None or not self.endurance.program_cycles or not self.current_programmed:
+            return None
+        return RepeatedProgram.of_steps(
+            self.steps_s, self.steps_A, self.frequency_Hz, self.ramp_in_cycles, self.endurance.program_cycles
+        )
 
     @property
     def after_cycles(self) -> bool:

@@ -18,7 +18,7 @@ from rig.matrix.sections import CoilCurrent, Identifier, OneMotion, RampCycles, 
 from rig.signals.program_cycles import RepeatedProgram
 from rig.signals.program_limits import MOST_STEPS
 from rig.signals.waveform import SINE, waveform_named
-from rig.signals.wear_trend import StopRule, stop_rule
+from rig.signals.wear_trend import StopRule
 from rig.test_point import ENDURANCE, HYBRID, EnduranceStep, TestPoint
 
 LONGEST_BLOCK_S = 600.0
@@ -55,7 +55,7 @@ class EnduranceStop(Section):
     def rules(self) -> tuple[StopRule, ...]:
         """The rules that are stated."""
         stated = ((name, getattr(self, name)) for name in type(self).model_fields)
-        return tuple(stop_rule(name, limit) for name, limit in stated if limit is not None)
+        return tuple(StopRule(name, limit) for name, limit in stated if limit is not None)
 
 
 class Endurance(OneMotion):

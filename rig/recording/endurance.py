@@ -15,11 +15,12 @@ import numpy as np
 
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
+from rig.fits.plain import plain
 from rig.recording.hdf5.reading import read_cycles
 from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
-from rig.signals.program_cycles import RepeatedProgram
+from rig.signals.program_cycles import PROGRAM_CYCLE
 from rig.signals.wear_trend import (
     QUANTITIES,
     Forecast,
@@ -84,12 +85,10 @@ def piece_of(recorded: RecordedPoint, file: Path) -> BlockPiece | None:
     numbers = np.asarray(columns.get("number", ()), np.float64)
     nothing = np.full(numbers.size, np.nan)
     statistics = {name: np.asarray(columns.get(name, nothing), np.float64) for name in QUANTITIES}
-    groups = None
-    if recorded.current_programmed and step.program_cycles:
-        program = RepeatedProgram.of_steps(
-            recorded.steps_s, recorded.steps_A, recorded.frequency_Hz, recorded.ramp_in_cycles, step.program_cycles
-        )
-        groups = program.groups_of(np.asarray(columns.get("program_cycle", nothing), np.float64))
+    program = recorded.repeated_program
+    groups = None if program is None else program.groups_of(
+        np.asarray(columns.get(PROGRAM_CYCLE, nothing), np.float64)
+    )
     return BlockPiece(
         str(recorded.provenance.get("point", recorded.id)), step, counted.cycles_run or 0,
         counted.cycles_recorded or 0, counted.unseen_cycles or 0, recorded.verdict,
@@ -222,17 +221,16 @@ class EnduranceLedger:
         }  # fmt: skip
 
     def _level_json(self, group: Sections) -> dict[str, Any]:
-        baseline = baseline_of(group, self._run_in)
         return {
-            "baseline": {name: _finite(value) for name, value in baseline.items()},
-            "last": {name: _finite(values[-1]) for name, values in group.medians.items()},
+            "baseline": plain(baseline_of(group, self._run_in)),
+            "last": plain({name: values[-1] for name, values in group.medians.items()}),
         }
 
     def _rule_json(self, rule: StopRule) -> dict[str, Any]:
         followed = self.followed(rule)
         change = followed.change
         return {
-            "name": rule.name, "limit": rule.limit, "relative": rule.relative,
+            "name": rule.name, "limit": rule.limit, "relative": rule.kind.relative,
             "value": _last_known(change),
             "forecast": dict(zip(("state", "cycles", "low", "high"), followed.forecast, strict=True)),
         }
@@ -249,9 +247,8 @@ class EnduranceLedger:
         for sections in self.sections.groups:
             change = changes(rule, sections, baseline_of(sections, self._run_in))
             last = _last_known(change)
-            followed.append((-np.inf if last is None else last, change))
-        place = max(range(len(followed)), key=lambda number: followed[number][0])
-        sections, change = self.sections.groups[place], followed[place][1]
+            followed.append((-np.inf if last is None else last, sections, change))
+        _, sections, change = max(followed, key=lambda one: one[0])
         after = sections.cycle > self._run_in
         return FollowedRule(sections, change, forecast(sections.cycle[after], change[after], rule.limit))
 
@@ -303,10 +300,6 @@ def _motion(point: RecordedPoint) -> tuple[object, ...]:
     return point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, point.repeat
 
 
-def _last_known(values: np.ndarray[Any, np.dtype[np.float64]]) -> float | None:
+def _last_known(values: FloatArray) -> float | None:
     known = values[np.isfinite(values)]
     return float(known[-1]) if known.size else None
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

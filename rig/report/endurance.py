@@ -93,7 +93,7 @@ def _rules(test: EnduranceTest) -> Blocks:
         known = change[np.isfinite(change)]  # the last section may have no statistics
         last = float(known[-1]) if known.size else np.nan
         cycles, interval = _forecast(expected)
-        cells = (capitalised(RULES[rule.name].words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
+        cells = (capitalised(rule.kind.words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
         rows.append(Row(cells, _severity(rule, last)))
     return [table(RULE_HEAD, rows)] if rows else []
 
@@ -107,7 +107,7 @@ def _severity(rule: StopRule, last: float) -> Severity:
 def _value(rule: StopRule, value: float) -> str:
     if not np.isfinite(value):
         return NOTHING
-    return f"{number(100.0 * value, 3)} %" if rule.relative else f"{number(value, 3)} degC"
+    return f"{number(100.0 * value, 3)} %" if rule.kind.relative else f"{number(value, 3)} degC"
 
 
 def _forecast(expected: Forecast) -> tuple[str, str]:
@@ -177,7 +177,7 @@ def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
         sections, change, expected = test.ledger.followed(rule)
         cycles = sections.cycle
         rows = thinned(len(sections), MOST_DRAWN)
-        if not rule.relative or not np.any(np.isfinite(change)):
+        if not rule.kind.relative or not np.any(np.isfinite(change)):
             continue
         end = max(float(cycles[-1]), min(float(test.planned), expected.cycles or 0.0))
         limit = np.full(2, 100.0 * rule.limit)
@@ -189,7 +189,7 @@ def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
             last = int(np.flatnonzero(np.isfinite(change))[-1])
             line = np.array([100.0 * change[last], 100.0 * rule.limit])
             traces.append(Trace(np.array([cycles[last], expected.cycles]), line, Style.THIN, "forecast", RESIDUAL))
-        title = capitalised(RULES[rule.name].words)
+        title = capitalised(rule.kind.words)
         yield Figure(Axis("Cycles"), Axis(title, "%"), traces, WIDTH, HEIGHT, title)
 
 

@@ -14,7 +14,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.results.quantities import ENDURANCE_CYCLES, ENDURANCE_PROGRESS, cycles_to, response_time, wear
 from rig.signals.step_response import LEVELS, TimeResult
-from rig.signals.wear_trend import RULES, stop_rule
+from rig.signals.wear_trend import RULES, StopRule
 from rig.test_point import ENDURANCE
 
 Values = dict[str, Measured]
@@ -94,6 +94,6 @@ def _of_endurance(test: EnduranceTest) -> Values:
     if ledger.reached:
         values[cycles_to(ledger.reached)] = _exact(cycles)
     for name in RULES if len(ledger.sections) else ():
-        change = ledger.followed(stop_rule(name, 1.0)).change  # the limit does not affect the change
+        change = ledger.followed(StopRule(name, 1.0)).change  # the limit does not affect the change
         values[wear(name)] = _exact(float(change[-1]))
     return values

@@ -3,7 +3,7 @@
 All cycles are computed at once (`numpy.add.reduceat`), a few microseconds each: an endurance test has millions. Force
 is described cycle by cycle as `F = c v + f sign(v) + k x + m` by least squares over the samples that move faster than
 `SLOW_SHARE` of the cycle's peak speed: slower ones show how the friction reverses, not its level. Where the speed is
-constant between the corners (a triangle), `c` and `f` cannot be told apart, and both are not-a-number.
+constant between the corners (a triangle), `c` and `f` cannot be distinguished, and both are not-a-number.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
-from rig.signals.cycles import CROSSING_HYSTERESIS, FULL_AMPLITUDE
+from rig.signals.arrays import BoolArray, FloatArray, IntArray
+from rig.signals.cycles import CROSSING_HYSTERESIS, at_full_amplitude
+from rig.signals.spikes import median_of_three
 
 SLOW_SHARE = 0.3
 """Of a cycle's peak speed, below which a sample says nothing of the friction."""
@@ -69,7 +69,7 @@ class CycleBounds(NamedTuple):
     """
 
     start_s: FloatArray
-    cycles: NDArray[np.int64]
+    cycles: IntArray
 
     @property
     def run(self) -> int:
@@ -93,7 +93,7 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
     """
     usable = np.isfinite(displacement_m)
     # A spike of one sample trips no interlock; it must not hide the cycles of a block of ten minutes.
-    t, u = time_s[usable], _without_spikes(displacement_m[usable])
+    t, u = time_s[usable], median_of_three(displacement_m[usable])
     if t.size < FEWEST_SAMPLES:
         return NO_CYCLES
     low_m, high_m = np.quantile(u, (EXTREME_SHARE, 1.0 - EXTREME_SHARE))
@@ -102,8 +102,7 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
         return NO_CYCLES
     highest, lowest = np.maximum.reduceat(u, indices)[:-1], np.minimum.reduceat(u, indices)[:-1]
     amplitude_m = 0.5 * (highest - lowest)
-    typical_m = float(np.median(amplitude_m[amplitude_m >= 0.8 * np.max(_without_spikes(amplitude_m))]))
-    full = np.flatnonzero(np.abs(amplitude_m - typical_m) <= (1.0 - FULL_AMPLITUDE) * typical_m)
+    full = np.flatnonzero(at_full_amplitude(amplitude_m, float(np.max(median_of_three(amplitude_m)))))
     if full.size == 0:
         return NO_CYCLES
     bounds_s = starts_s[full[0] : full[-1] + 2]
@@ -111,7 +110,7 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
     return CycleBounds(bounds_s, np.where(spans > ONE_CYCLE, np.round(spans), 1.0).astype(np.int64))
 
 
-def _rising(t: FloatArray, x: FloatArray, band: float) -> tuple[FloatArray, NDArray[np.int64]]:
+def _rising(t: FloatArray, x: FloatArray, band: float) -> tuple[FloatArray, IntArray]:
     """Upward zero crossings (s), by the line through the samples beside the hysteresis, and the sample after each."""
     marked = np.flatnonzero(np.abs(x) > band)
     up = x[marked] > 0.0
@@ -140,13 +139,13 @@ def repeated_bounds(first_s: float, period_s: float, end_s: float, most: int) ->
 def cycle_statistics(
     samples: CycleSamples, bounds: CycleBounds, usual_samples: float, *, speed_varies: bool = True
 ) -> dict[str, FloatArray]:
-    """The statistics of each cycle, arrays (k,) by the names of `UNITS`, not-a-number where they cannot be told.
+    """The statistics of each cycle, arrays (k,) by the names of `UNITS`, not-a-number where they cannot be determined.
 
     Args:
         samples: those from the first cycle's start to the last one's end, or more.
         bounds: of the cycles.
         usual_samples: in a cycle; a cycle in which more than a tenth of them is missing has no statistics.
-        speed_varies: within a half cycle, so that friction can be told from viscous force.
+        speed_varies: within a half cycle, so that friction can be distinguished from viscous force.
     """
     if len(bounds.cycles) == 0:
         return {name: np.zeros(0) for name in UNITS}
@@ -161,12 +160,13 @@ def cycle_statistics(
     )
     known = good & np.isfinite(speed_m_s)
     force, displacement, speed = (np.where(known, column, 0.0) for column in (force_N, x, speed_m_s))
+    smooth_N = median_of_three(force_N)
     values = {
         "start": bounds.start_s[:-1], "period": np.diff(bounds.start_s),
         "displacement_max": sums.greatest(np.where(good, x, -np.inf)),
         "displacement_min": -sums.greatest(np.where(good, -x, -np.inf)),
-        "force_max": sums.greatest(np.where(good, _without_spikes(force_N), -np.inf)),
-        "force_min": -sums.greatest(np.where(good, -_without_spikes(force_N), -np.inf)),
+        "force_max": sums.greatest(np.where(good, smooth_N, -np.inf)),
+        "force_min": -sums.greatest(np.where(good, -smooth_N, -np.inf)),
         "energy": _energy_J(samples, bounds.start_s),
         **_described(sums, known, displacement, speed, force, speed_varies=speed_varies),
         "current": sums.mean(current_A), "temperature": sums.mean(temperature_degC),
@@ -208,7 +208,7 @@ def _energy_J(samples: CycleSamples, start_s: FloatArray) -> FloatArray:
 class _Sums:
     """Sums over the samples of each cycle; cycles lie end to end."""
 
-    def __init__(self, first: NDArray[np.int64], samples: int) -> None:
+    def __init__(self, first: IntArray, samples: int) -> None:
         lengths = np.diff(first, append=samples)
         self._empty = lengths == 0
         self._first = np.minimum(first, max(0, samples - 1))
@@ -239,18 +239,8 @@ class _Sums:
         return np.full(self._first.size, np.nan)
 
 
-def _without_spikes(values: FloatArray) -> FloatArray:
-    """Running median of three samples: a single sample is no peak."""
-    if values.size < 3:
-        return values
-    middle = values.copy()
-    before, at, after = values[:-2], values[1:-1], values[2:]
-    middle[1:-1] = np.maximum(np.minimum(before, at), np.minimum(np.maximum(before, at), after))
-    return middle
-
-
 def _described(
-    sums: _Sums, good: NDArray[np.bool_], x: FloatArray, v: FloatArray, force: FloatArray, *, speed_varies: bool
+    sums: _Sums, good: BoolArray, x: FloatArray, v: FloatArray, force: FloatArray, *, speed_varies: bool
 ) -> dict[str, FloatArray]:
     """`damping`, `friction`, `stiffness` and `mean_force` of each cycle, by least squares."""
     top = sums.greatest(np.abs(v))
@@ -285,7 +275,7 @@ def _described(
     }
 
 
-def _solved(normal: FloatArray, right: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+def _solved(normal: FloatArray, right: FloatArray, usable: BoolArray) -> FloatArray:
     """Solutions of the cycles' normal equations (k, m); not-a-number where they are not to be solved."""
     solution = np.full(right.shape, np.nan)
     trace = np.trace(normal, axis1=1, axis2=2)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray
 from rig.signals.derivatives import harmonic_columns
 from rig.signals.waveform import SINE, TRIANGLE, Waveform, waveform_named
 
@@ -109,14 +109,24 @@ def full_cycles(cycles: Cycles) -> Cycles:
     Raises:
         NoCycles: no two cycles agree on an amplitude, as in a test stopped while it ramped in.
     """
-    typical = float(np.median(cycles.amplitude_m[cycles.amplitude_m >= 0.8 * np.max(cycles.amplitude_m)]))
-    full = np.abs(cycles.amplitude_m - typical) <= (1.0 - FULL_AMPLITUDE) * typical
+    full = at_full_amplitude(cycles.amplitude_m, float(np.max(cycles.amplitude_m)))
     edges = np.diff(np.concatenate(([0], full.astype(np.int8), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if starts.size == 0:
         raise NoCycles(f"none of {len(cycles)} cycles reaches full amplitude: the motion was still ramping")
     longest = int(np.argmax(stops - starts))
     return cycles.between(int(starts[longest]), int(stops[longest]))
+
+
+def at_full_amplitude(amplitude_m: FloatArray, largest_m: float) -> BoolArray:
+    """Which cycles (k,) are at full amplitude: near the typical one of those that are nearly as large as the largest.
+
+    Args:
+        amplitude_m: of each cycle (k,), m.
+        largest_m: the largest one, or what counts as that (m).
+    """
+    typical = float(np.median(amplitude_m[amplitude_m >= 0.8 * largest_m]))
+    return np.asarray(np.abs(amplitude_m - typical) <= (1.0 - FULL_AMPLITUDE) * typical)
 
 
 def kept_cycles(cycles: Cycles, *, drop_first: int = 1, drop_last: int = 1) -> Cycles:

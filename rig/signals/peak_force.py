@@ -13,9 +13,7 @@ import numpy as np
 
 from rig.signals.arrays import FloatArray
 from rig.signals.loop_shape import by_phase
-
-SPIKE_SAMPLES = 3
-"""Of a motion without cycles, the median of so many samples: a single sample is no peak."""
+from rig.signals.spikes import median_of_three
 
 ABOUT_PEAK = 0.05
 """Share of a cycle over which a parabola is fitted about the peak; a sine loses less than 0.001 % by this."""
@@ -42,8 +40,7 @@ UNKNOWN = PeakForce()
 def peak_force(time_s: FloatArray, force_N: FloatArray, start_s: FloatArray | None = None) -> PeakForce:
     """Peak forces of a motion.
 
-    With cycles, as `of_cycles`: noise does not make them too large. Without, the extremes of the running median of
-    `SPIKE_SAMPLES` samples.
+    With cycles, as `of_cycles`: noise does not make them too large. Without, the extremes of `median_of_three`.
 
     Args:
         time_s: (n,) s, increasing.
@@ -55,9 +52,9 @@ def peak_force(time_s: FloatArray, force_N: FloatArray, start_s: FloatArray | No
         if forces is not None:
             return of_cycles(forces)
     known = force_N[np.isfinite(force_N)]
-    if len(known) < SPIKE_SAMPLES:
+    if len(known) < 3:
         return UNKNOWN
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(known, SPIKE_SAMPLES), axis=1)
+    middle = median_of_three(known)[1:-1]
     return PeakForce(float(np.max(middle)), float(np.min(middle)))
 
 

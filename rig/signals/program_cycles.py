@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import FloatArray, IntArray
 
+PROGRAM_CYCLE = "program_cycle"
+"""Name of the statistic that states the place of a cycle in the program, from 1."""
 UNCERTAIN_S = 0.02
 """A step may come so much earlier or later in the motion than commanded: start of the motion, and status of the ECU."""
 MOST_SHIFT = 2
@@ -85,7 +86,7 @@ class RepeatedProgram:
         return np.diff(np.interp(edges_s, np.append(self.time_s, self.period_s), charge)) * self.frequency_Hz
 
     @property
-    def groups(self) -> NDArray[np.int64]:
+    def groups(self) -> IntArray:
         """Group of each cycle of the program (cycles,): cycles with the same current; -1: the current changes.
 
         In a program without a cycle at constant current each of its cycles is a group.
@@ -102,7 +103,7 @@ class RepeatedProgram:
         levels = np.unique(current_A)
         return np.where(near, -1, np.searchsorted(levels, current_A[held])).astype(np.int64)
 
-    def places(self, numbers: NDArray[np.int64], current_A: FloatArray) -> FloatArray:
+    def places(self, numbers: IntArray, current_A: FloatArray) -> FloatArray:
         """Cycle of the program, from 1, of each cycle of a motion (k,).
 
         Args:
@@ -118,7 +119,7 @@ class RepeatedProgram:
         shift = int(np.argmin(np.asarray(misses) - 1e-9 * np.arange(len(misses), 0, -1)))
         return ((numbers + shift) % self.cycles + 1).astype(np.float64)
 
-    def groups_of(self, places: FloatArray) -> NDArray[np.int64]:
+    def groups_of(self, places: FloatArray) -> IntArray:
         """Group of each cycle (k,) by its place in the program; -1: in none."""
         known = np.isfinite(places)
         index = np.where(known, places, 1.0).astype(np.int64) - 1

@@ -47,6 +47,16 @@ def spikes(values: FloatArray) -> list[int]:
     return sorted(int(known[at]) for at in best) if min(size[best]) > SHARE * float(np.ptp(rest)) else []
 
 
+def median_of_three(values: FloatArray) -> FloatArray:
+    """Running median of three samples (n,): a single sample is no peak; the first and the last stay as they are."""
+    if values.size < 3:
+        return values
+    middle = values.copy()
+    before, at, after = values[:-2], values[1:-1], values[2:]
+    middle[1:-1] = np.maximum(np.minimum(before, at), np.minimum(np.maximum(before, at), after))
+    return middle
+
+
 def _is_single(e: FloatArray, at: int) -> bool:
     """Whether the differences about a sample are those of a spike of one sample."""
     if not 1 <= at < e.size - 1:

@@ -13,9 +13,8 @@ from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray, IntArray
 
 SECTIONS_A_BLOCK = 10
 FEWEST_CYCLES = 10
@@ -34,27 +33,15 @@ QUANTITIES = (
 """Statistics of a cycle whose medians a section has."""
 
 
-@dataclass(frozen=True)
-class StopRule:
-    """One stop rule.
+class RuleKind(NamedTuple):
+    """What a stop rule watches, without its limit.
 
     Attributes:
-        name: its key in the matrix file.
         quantities: whose change counts; of several the largest.
         rising: whether the quantity reaches the limit upwards.
-        limit: relative change (positive), or the value itself (SI).
         relative: whether the limit is a change relative to the baseline.
+        words: its name for people.
     """
-
-    name: str
-    quantities: tuple[str, ...]
-    rising: bool
-    limit: float
-    relative: bool = True
-
-
-class RuleKind(NamedTuple):
-    """What a stop rule watches, without its limit; `words` name it for people."""
 
     quantities: tuple[str, ...]
     rising: bool
@@ -73,10 +60,22 @@ RULES: Mapping[str, RuleKind] = {
 """Stop rules by their key in a matrix file."""
 
 
-def stop_rule(name: str, limit: float) -> StopRule:
-    """The rule of this name with its limit."""
-    kind = RULES[name]
-    return StopRule(name, kind.quantities, kind.rising, limit, kind.relative)
+@dataclass(frozen=True)
+class StopRule:
+    """One stop rule.
+
+    Attributes:
+        name: its key in `RULES`.
+        limit: relative change (positive), or the value itself (SI).
+    """
+
+    name: str
+    limit: float
+
+    @property
+    def kind(self) -> RuleKind:
+        """What it watches."""
+        return RULES[self.name]
 
 
 @dataclass(frozen=True)
@@ -86,14 +85,14 @@ class Sections:
     Attributes:
         cycle: number of the last cycle of each.
         block: number of the block of each.
-        medians: by quantity; not-a-number where it cannot be told.
+        medians: by quantity; not-a-number where it is unknown.
         group: of the cycles of each: those with the same current, in a current program; 0 at a constant current.
     """
 
     cycle: FloatArray
     block: FloatArray
     medians: Mapping[str, FloatArray]
-    group: NDArray[np.int64]
+    group: IntArray
 
     def __len__(self) -> int:
         return self.cycle.size
@@ -117,7 +116,7 @@ class Sections:
             return (self,)
         return tuple(self._chosen(np.flatnonzero(self.group == number)) for number in numbers)
 
-    def _chosen(self, rows: NDArray[np.int64]) -> Sections:
+    def _chosen(self, rows: IntArray) -> Sections:
         medians = {name: values[rows] for name, values in self.medians.items()}
         return Sections(self.cycle[rows], self.block[rows], medians, self.group[rows])
 
@@ -126,7 +125,7 @@ NO_SECTIONS = Sections(np.zeros(0), np.zeros(0), dict.fromkeys(QUANTITIES, np.ze
 
 
 def sections_of(
-    numbers: FloatArray, block: int, statistics: Mapping[str, FloatArray], groups: NDArray[np.int64] | None = None
+    numbers: FloatArray, block: int, statistics: Mapping[str, FloatArray], groups: IntArray | None = None
 ) -> Sections:
     """The sections of the cycles of one block.
 
@@ -174,7 +173,7 @@ def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
     return {name: _level(values, sections.block, after) for name, values in sections.medians.items()}
 
 
-def _level(values: FloatArray, block: FloatArray, after: NDArray[np.bool_]) -> float:
+def _level(values: FloatArray, block: FloatArray, after: BoolArray) -> float:
     known = np.flatnonzero(after & np.isfinite(values))
     if not known.size:
         return math.nan
@@ -205,15 +204,13 @@ def _first_of_block(sections: Sections) -> FloatArray:
 
 def changes(rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> FloatArray:
     """How far each section (n,) is toward a rule's limit, as the limit is stated: relative change or the SI value."""
-    columns = []
-    for name in rule.quantities:
-        values = sections.medians[name]
-        if rule.relative:
+    kind, columns = rule.kind, []
+    for name in kind.quantities:
+        change = sections.medians[name]
+        if kind.relative:
             with np.errstate(divide="ignore", invalid="ignore"):
-                change = values / baseline[name] - 1.0
-            columns.append(change if rule.rising else -change)
-        else:
-            columns.append(values if rule.rising else -values)
+                change = change / baseline[name] - 1.0
+        columns.append(change if kind.rising else -change)
     stacked = np.vstack(columns)
     known = np.isfinite(stacked)
     largest = np.max(np.where(known, stacked, -np.inf), axis=0, initial=-np.inf)

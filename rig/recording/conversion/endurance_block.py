@@ -29,7 +29,7 @@ from rig.signals.cycle_statistics import (
     cycle_statistics,
     repeated_bounds,
 )
-from rig.signals.program_cycles import RepeatedProgram
+from rig.signals.program_cycles import PROGRAM_CYCLE
 from rig.test_point import TestPoint
 
 SAMPLES_AT_ONCE = 200_000
@@ -44,7 +44,6 @@ MOST_WITHOUT_CYCLES = 100_000
 SPARE_SAMPLES = 64
 """Kept beside a part of the samples, for differences at its edges."""
 
-PROGRAM_CYCLE = "program_cycle"
 PROGRAM_UNITS = {PROGRAM_CYCLE: ("1", "Cycle of the current program, from 1")}
 """Only of a block with a current program."""
 
@@ -83,10 +82,8 @@ def reduced(
         unseen_cycles=step.unseen_cycles if cut_off and step is not None else 0,
     )
     units = UNITS
-    if step is not None and step.program_cycles and point.record is None:
-        program = RepeatedProgram.of_steps(
-            point.steps_s, point.steps_A, point.frequency_Hz, point.ramp_in_cycles, step.program_cycles
-        )
+    program = point.repeated_program
+    if program is not None:
         in_motion = np.cumsum(bounds.cycles) - 1
         statistics = statistics | {PROGRAM_CYCLE: program.places(in_motion, statistics["current"])}
         units = {**UNITS, **PROGRAM_UNITS}

@@ -68,7 +68,7 @@ def test_blocks_without_a_size_last_at_most_ten_minutes(tmp_path: Path) -> None:
 
 def test_rules_are_in_si(tmp_path: Path) -> None:
     (test,) = load(tmp_path, QUICK + TEST).endurance
-    assert [(rule.name, rule.limit, rule.relative) for rule in test.stop.rules] == [
+    assert [(rule.name, rule.limit, rule.kind.relative) for rule in test.stop.rules] == [
         ("force_down", 0.2, True), ("temperature", 90.0, False),
     ]
 

@@ -19,7 +19,7 @@ from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fiel
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.results.content import content_of
-from rig.signals.wear_trend import NO_SECTIONS, stop_rule
+from rig.signals.wear_trend import NO_SECTIONS, StopRule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
 CYCLES = 40
@@ -192,7 +192,7 @@ def piece(number: int, before: int, run: int, force_N: float, unseen: int = 0) -
 
 
 def test_a_ledger_adds_the_pieces_of_a_block_and_knows_what_is_missing() -> None:
-    ledger = EnduranceLedger("wear", (stop_rule("force_down", 0.2),))
+    ledger = EnduranceLedger("wear", (StopRule("force_down", 0.2),))
     ledger.add(piece(1, 0, 100, 1000.0))
     ledger.add(piece(2, 100, 30, 900.0, unseen=4))
     ledger.add(piece(2, 130, 70, 850.0))
@@ -208,7 +208,7 @@ def test_a_ledger_adds_the_pieces_of_a_block_and_knows_what_is_missing() -> None
 
 def test_pieces_are_sorted_into_their_tests_in_any_order() -> None:
     pieces = [piece(3, 200, 100, 790.0), piece(1, 0, 100, 1000.0), piece(2, 100, 100, 900.0)]
-    ledger = ledgers_of(pieces, {"wear": ((stop_rule("force_down", 0.2),), 0)})["wear"]
+    ledger = ledgers_of(pieces, {"wear": ((StopRule("force_down", 0.2),), 0)})["wear"]
     assert ledger.sections.cycle.tolist() == [100.0, 200.0, 300.0]
     assert ledger.reached == "force_down"
 

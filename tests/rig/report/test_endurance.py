@@ -15,7 +15,7 @@ from rig.recording.endurance import BlockPiece, EnduranceLedger, performance_poi
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.report.endurance import endurance_section
-from rig.signals.wear_trend import NO_SECTIONS, QUANTITIES, Sections, stop_rule
+from rig.signals.wear_trend import NO_SECTIONS, QUANTITIES, Sections, StopRule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
 TIME_S = np.arange(0.0, 5.0, 0.004)
@@ -29,13 +29,13 @@ def loop(name: str, force_N: float, step: EnduranceStep | None) -> RecordedPoint
     )
 
 
-def worn(force_N: np.ndarray, unseen: int = 0) -> EnduranceTest:
+def weakening(force_N: np.ndarray, unseen: int = 0) -> EnduranceTest:
     """A test whose peak force is given at every 10 cycles (n,) of its only block."""
     cycle = 10.0 * np.arange(1, len(force_N) + 1)
     sections = Sections(cycle, np.ones(len(force_N)), {name: force_N.copy() for name in QUANTITIES},
                         np.zeros(len(force_N), np.int64))
     step = EnduranceStep("wear", 0, 1000, 1, 200, 10)
-    ledger = EnduranceLedger("wear", (stop_rule("force_down", 0.2),))
+    ledger = EnduranceLedger("wear", (StopRule("force_down", 0.2),))
     ledger.add(BlockPiece("wear-b1", step, 200, 195, unseen, "suspect", sections, "wear-b1.h5"))
     points = [
         loop("p001", 1000.0, None), loop("other", 1000.0, None),
@@ -53,7 +53,7 @@ def test_no_section_without_an_endurance_test() -> None:
 
 
 def test_counts_rules_and_forecast_are_shown() -> None:
-    blocks = endurance_section((worn(np.linspace(1000.0, 900.0, 20), unseen=7),), SI)
+    blocks = endurance_section((weakening(np.linspace(1000.0, 900.0, 20), unseen=7),), SI)
     facts = next(block for block in blocks if isinstance(block, Facts)).facts
     assert [str(fact.value) for fact in facts] == ["200 of 1,000", "195", "5", "up to 7"]
     rules, performance, invalid = (block for block in blocks if isinstance(block, Table))
@@ -69,14 +69,14 @@ def test_counts_rules_and_forecast_are_shown() -> None:
 
 
 def test_the_end_by_a_stop_rule_is_stated() -> None:
-    blocks = endurance_section((worn(np.linspace(1000.0, 600.0, 20)),), SI)
+    blocks = endurance_section((weakening(np.linspace(1000.0, 600.0, 20)),), SI)
     notes = [str(block.words) for block in blocks if isinstance(block, Note)]
     assert notes == ["A stop rule ended the test: decrease of the peak force."]
 
 
 def test_a_test_without_a_full_cycle_shows_its_count() -> None:
-    empty = replace(worn(np.ones(20)), performance=())
-    ledger = EnduranceLedger("wear", (stop_rule("force_down", 0.2),))
+    empty = replace(weakening(np.ones(20)), performance=())
+    ledger = EnduranceLedger("wear", (StopRule("force_down", 0.2),))
     step = EnduranceStep("wear", 0, 1000, 1, 200, 10)
     ledger.add(BlockPiece("wear-b1", step, 0, 0, 3, "invalid", NO_SECTIONS, "wear-b1.h5"))
     blocks = endurance_section((replace(empty, ledger=ledger),), SI)

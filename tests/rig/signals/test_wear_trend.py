@@ -9,12 +9,12 @@ from rig.signals.wear_trend import (
     QUANTITIES,
     RULES,
     Sections,
+    StopRule,
     baseline_of,
     changes,
     forecast,
     reached_by,
     sections_of,
-    stop_rule,
 )
 
 
@@ -58,7 +58,7 @@ def test_a_rule_measures_the_change_toward_its_limit(
     last = {name: np.array([values.get(name, 1000.0)]) for name in QUANTITIES}
     sections = Sections(np.array([10.0]), np.array([1.0]), last, np.zeros(1, np.int64))
     baseline = {name: -1000.0 if name == "force_min" else 1000.0 for name in QUANTITIES}
-    assert changes(stop_rule(rule, limit), sections, baseline)[0] == pytest.approx(expected)
+    assert changes(StopRule(rule, limit), sections, baseline)[0] == pytest.approx(expected)
 
 
 def test_every_rule_is_known() -> None:
@@ -70,7 +70,7 @@ def test_every_rule_is_known() -> None:
 def test_a_rule_on_what_cannot_be_told_says_nothing() -> None:
     unknown = {name: np.array([np.nan]) for name in QUANTITIES}
     nothing = Sections(np.array([10.0]), np.array([1.0]), unknown, np.zeros(1, np.int64))
-    change = changes(stop_rule("friction_up", 0.5), nothing, dict.fromkeys(QUANTITIES, np.nan))
+    change = changes(StopRule("friction_up", 0.5), nothing, dict.fromkeys(QUANTITIES, np.nan))
     assert np.isnan(change[0])
     assert not change[0] >= 0.5
 
@@ -121,17 +121,17 @@ def test_a_baseline_that_is_noise_ends_no_test() -> None:
     sections = joined(0.0, 0.0, 0.0, noise=2.0)
     baseline = baseline_of(sections, 0)
     for name in ("gas_force_down", "friction_up", "stiffness_down"):
-        assert not reached_by(stop_rule(name, 0.05), sections, baseline)
+        assert not reached_by(StopRule(name, 0.05), sections, baseline)
     sections = joined(20.0, 10.0, noise=2.0)
-    assert reached_by(stop_rule("gas_force_down", 0.3), sections, baseline_of(sections, 0))
+    assert reached_by(StopRule("gas_force_down", 0.3), sections, baseline_of(sections, 0))
 
 
 def test_missing_statistics_do_not_disable_a_rule() -> None:
-    rule = stop_rule("force_down", 0.2)
-    worn = joined(100.0, 50.0)
-    for values in worn.medians.values():
+    rule = StopRule("force_down", 0.2)
+    weaker = joined(100.0, 50.0)
+    for values in weaker.medians.values():
         values[-1] = np.nan
-    assert reached_by(rule, worn, baseline_of(worn, 0)), "the last section has no samples"
+    assert reached_by(rule, weaker, baseline_of(weaker, 0)), "the last section has no samples"
     late = joined(np.nan, 100.0, 50.0)
     assert baseline_of(late, 0)["force_max"] == 100.0
     assert reached_by(rule, late, baseline_of(late, 0)), "the first block has no statistics"
@@ -160,7 +160,7 @@ def test_cycles_of_a_current_program_are_compared_with_those_of_the_same_current
     low, high = sections.groups
     assert (len(low), len(high)) == (4, 4)
     assert high.medians["force_max"] == pytest.approx(1000.0)
-    rule = stop_rule("force_down", 0.1)
+    rule = StopRule("force_down", 0.1)
     assert changes(rule, high, baseline_of(high, 0))[-1] == pytest.approx(0.0)
     baseline = {name: abs(float(values[0])) for name, values in low.medians.items()} | {"force_min": -96.0}
     assert changes(rule, low, baseline)[-1] > 0.2
