@@ -290,25 +290,6 @@ def hysteresis_series(
     return out.reshape(u.size)
 
 
-def hysteresis_with_slopes(
-    rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
-) -> FloatArray:
-    """Normalised hysteretic variable and its derivatives with respect to rho, sigma and n, shape (4, samples).
-
-    Args:
-        rho: inverse of the yield displacement (1/m); the shape must be one that `has_curve` accepts.
-        sigma: shape of the loop (1).
-        n: sharpness of the bend (1).
-        u: extension (m), shape (samples,).
-        v: velocity (m/s), shape (samples,).
-        dt: sampling interval (s).
-        warm: samples of one whole cycle that is run once before, from w = 0; 0 for none.
-    """
-    out = np.empty((4, u.size))
-    _along(0.0, (float(rho), float(sigma), float(n)), u, v, _stretches(u, dt, warm), np.zeros(3), out)
-    return out
-
-
 def hysteresis_of(
     rho: float, sigma: float, n: float, motion: Motion | JoinedMotions, *, slope: bool
 ) -> FloatArray:

@@ -9,10 +9,30 @@ from scipy.integrate import solve_ivp
 
 from rig.dampers import model, parameter_set
 from rig.dampers.kernel import advance_of, force_series
-from rig.dampers.loop_curve import hysteresis_of, hysteresis_series, hysteresis_with_slopes
+from rig.dampers.loop_curve import hysteresis_of, hysteresis_series
 from rig.dampers.separation import JoinedMotions
 
 OMEGA, AMPLITUDE, CURRENT = 2.0 * np.pi * 1.5, 0.02, 0.8
+
+
+@dataclass(frozen=True)
+class Swing:
+    """One motion with its own rate and cycle."""
+
+    u_m: np.ndarray
+    v_m_s: np.ndarray
+    dt_s: float
+    samples_per_cycle: int
+
+    @property
+    def a_m_s2(self) -> np.ndarray:
+        """Its acceleration, which no loop depends on."""
+        return 0.0 * self.u_m
+
+    @property
+    def current_A(self) -> np.ndarray:
+        """Its current, which no loop depends on."""
+        return 0.0 * self.u_m
 
 
 def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -269,7 +289,7 @@ def test_slopes_of_the_loop_are_its_differences(sigma: float, n: float) -> None:
     t = np.arange(0.0, 2.0, 0.001)
     u, v = 0.02 * np.sin(6.3 * t), 0.126 * np.cos(6.3 * t)
     shape = np.array([1500.0, sigma, n])
-    found = hysteresis_with_slopes(*shape, u, v, 0.001, 997)
+    found = hysteresis_of(*shape, Swing(u, v, 0.001, 997), slope=True)
     for k in range(3):
         step = np.zeros(3)
         step[k] = 1e-5 * shape[k]
@@ -321,21 +341,9 @@ def test_a_cycle_of_warm_up_is_forgotten_by_loops_that_have_no_curve() -> None:
 def test_slopes_without_a_warm_up_start_from_rest() -> None:
     t = np.arange(0.0, 0.5, 0.001)
     u, v = 0.02 * np.sin(6.3 * t), 0.126 * np.cos(6.3 * t)
-    found = hysteresis_with_slopes(1500.0, 0.6, 2.0, u, v, 0.001, 0)
+    found = hysteresis_of(1500.0, 0.6, 2.0, Swing(u, v, 0.001, 0), slope=True)
     assert found[:, 0] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-12)
     assert found[0] == pytest.approx(hysteresis_series(0.0, 1500.0, 0.6, 2.0, u, v, 0.001, 0), abs=1e-9)
-
-
-@dataclass(frozen=True)
-class Swing:
-    """One motion with its own rate, amplitude and cycle."""
-
-    u_m: np.ndarray
-    v_m_s: np.ndarray
-    a_m_s2: np.ndarray
-    current_A: np.ndarray
-    dt_s: float
-    samples_per_cycle: int
 
 
 @pytest.mark.parametrize("slope", [False, True])
@@ -345,7 +353,7 @@ def test_joined_motions_have_the_loops_of_single_ones(slope: bool) -> None:
     for amplitude_m, dt_s, warm in ((0.02, 0.001, 997), (0.005, 0.004, 250), (0.03, 0.002, 0)):
         t = dt_s * np.arange(700 if warm == 0 else warm + 9)
         u, v = amplitude_m * np.sin(6.3 * t), 6.3 * amplitude_m * np.cos(6.3 * t)
-        swings.append(Swing(u, v, -39.7 * u, 0.0 * u, dt_s, warm))
+        swings.append(Swing(u, v, dt_s, warm))
     joined = hysteresis_of(1500.0, 0.6, 2.0, JoinedMotions.of(swings), slope=slope)
     single = [hysteresis_of(1500.0, 0.6, 2.0, swing, slope=slope) for swing in swings]
     np.testing.assert_array_equal(joined, np.concatenate(single, axis=1))
