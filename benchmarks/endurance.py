@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import sys
 import tempfile
 import time
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from campaign_process import machine
+from long_alignment import block, peak_mb
 
 from drivers.ring import CHANNELS
 from drivers.roles import ProgramPhase
@@ -44,7 +44,6 @@ from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.layout import PointContext, SensorContext
 from rig.recording.point_attributes import Commanded
 from rig.recording.point_files import attempt_name, unfinished
-from rig.recording.ring_records import RECORD_DTYPE
 from rig.test_point import ENDURANCE, TestPoint
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -279,19 +278,6 @@ def write_block(
             records.append(block(CHANNELS[name], pulse_s, np.zeros(len(count)), (count + 1) % 256))
         joined = np.concatenate(records)
         writer.append(joined[np.argsort(joined["host_ns"], kind="stable")])
-
-
-def block(channel: int, time_s: np.ndarray, value: np.ndarray, sequence: np.ndarray) -> np.ndarray:
-    """Records of one channel (n,)."""
-    records = np.zeros(len(time_s), RECORD_DTYPE)
-    records["host_ns"], records["device_us"] = np.round(1e9 * (time_s + 2e-3)), np.round(1e6 * time_s)
-    records["value"], records["sequence"], records["channel"] = value, sequence, channel
-    return records
-
-
-def peak_mb() -> float:
-    """Largest resident size so far, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def numbers_of(points: Path) -> np.ndarray:

@@ -113,7 +113,7 @@ def _outcome(run: dict[str, Any]) -> str:
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
     from rig.recording.endurance import withdrawn_points  # loads numpy
-    from rig.recording.run import Run, read_campaign  # the same
+    from rig.recording.run import Run, planned_points, read_campaign  # the same
 
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
@@ -125,9 +125,7 @@ def _summary(place: Path) -> dict[str, Any]:
         campaign = read_campaign(place)
         summary["specimen"] = str(campaign.get("specimen", ""))
         summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
-        planned = campaign.get("points")
-        names = {name for name in planned if isinstance(name, str)} if isinstance(planned, list) else set()
-        summary["planned"] = len(names - withdrawn_points(place))
+        summary["planned"] = len(set(planned_points(campaign)) - withdrawn_points(place))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # it is the remark
             run = Run.open(place)

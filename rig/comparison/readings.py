@@ -20,7 +20,7 @@ from rig.matrix.model import load_matrix
 from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import REANALYSIS, Run
+from rig.recording.run import REANALYSIS, Run, planned_points
 from rig.signals.delay_estimation.sample_match import student
 from rig.signals.test_set import (
     MOTION_SHARE,
@@ -316,9 +316,8 @@ def _motion_of(point: RecordedPoint) -> Motion:
 
 def _not_recorded(run: Run) -> tuple[str, ...]:
     """Points of the campaign that it ended before."""
-    planned, recorded = run.campaign.get("points"), {point.id for point in run.points} | withdrawn_points(run.path)
-    names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
-    return tuple(name for name in names if name not in recorded)
+    recorded = {point.id for point in run.points} | withdrawn_points(run.path)
+    return tuple(name for name in planned_points(run.campaign) if name not in recorded)
 
 
 def planned_loop(point: TestPoint) -> LoopReading:

@@ -381,6 +381,12 @@ def read_campaign(folder: Path) -> dict[str, Any]:
     return read_json(file)
 
 
+def planned_points(campaign: Mapping[str, Any]) -> list[str]:
+    """Ids of the points that a campaign planned, by its description; none of an import, which states files."""
+    planned = campaign.get("points")
+    return [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
+
+
 def read_words(folder: Path) -> dict[str, Any]:
     """What was typed on the operator's page, `operator.json`: `operator`, `specimen`, `notes`; empty without one.
 

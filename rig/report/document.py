@@ -46,7 +46,7 @@ from rig.recording.atomic_write import write_text_durably
 from rig.recording.endurance import withdrawn_points
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
-from rig.recording.run import Run
+from rig.recording.run import Run, planned_points
 from rig.report import fit as fit_sections
 from rig.report import loops, standard
 from rig.report.acceptance import acceptance_section, specimen_fact, specimen_note
@@ -293,9 +293,7 @@ def facts_of(of: Material) -> Facts:
     """The result in a few numbers: are the tests valid, how large are the forces, does a model fit."""
     run, fit = of.run, of.fit
     valid = _count(run, "valid")
-    planned = run.campaign.get("points")  # identifiers; of an import: its files, which may hold no test
-    names = [one for one in planned if isinstance(one, str)] if isinstance(planned, list) else []
-    total = max(len(run.points), len(set(names) - withdrawn_points(run.path)))
+    total = max(len(run.points), len(set(planned_points(run.campaign)) - withdrawn_points(run.path)))
     severity = GOOD if valid == total else POOR if valid == 0 else FAIR
     facts = [] if of.specimen is None else [specimen_fact(of.specimen)]
     facts.append(Fact(f"{valid} of {total}", "points valid", severity))
@@ -383,8 +381,7 @@ def _lost(run: Run) -> list[Fact]:
 
 def unfinished(run: Run, log: Sequence[JsonObject]) -> Blocks:
     """That the campaign ended before its last point, and what stopped it; empty where every point was recorded."""
-    planned = run.campaign.get("points")
-    names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
+    names = planned_points(run.campaign)
     missing = set(names) - {point.id for point in run.points} - withdrawn_points(run.path)
     if not missing or all(point.imported for point in run.points):
         return []

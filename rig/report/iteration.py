@@ -14,7 +14,7 @@ from rig.document.numbers import NOTHING, number
 from rig.document.style import MEASURED, OVERLAID, RESIDUAL
 from rig.document.words import Key, Strong, Words, verdict
 from rig.recording.recorded_point import RecordedPoint
-from rig.report.signals import followed_force
+from rig.report.signals import followed_force, middle_of, of_force, rod_at, times
 from rig.report.views import PointView
 from rig.signals.arrays import FloatArray
 
@@ -37,8 +37,6 @@ HEAD = (
 )  # fmt: skip
 SIZE = (400, 220)
 """Of each figure (pixels)."""
-SHOWN_S = 2.0
-"""Of command, target and rod, about the middle."""
 OUTCOMES = {
     "converged": "converged", "limit": "limit reached", "not-coherent": "not coherent", "noise-floor": "noise floor",
     "divergence": "divergence", "iterations": "too few iterations",
@@ -50,7 +48,7 @@ def iteration_section(views: Sequence[PointView]) -> Blocks:
     shown = [(view, iteration) for view in views if (iteration := view.point.commanded.iterated) is not None]
     if not shown:
         return []
-    note = f"{NOTE} {FORCE_NOTE}" if any(_of_force(view.point) for view, _ in shown) else NOTE
+    note = f"{NOTE} {FORCE_NOTE}" if any(of_force(view.point) for view, _ in shown) else NOTE
     parts: Blocks = [*section("Drive iteration", note), table(HEAD, [_row(view, of) for view, of in shown])]
     keys = (Key("measured", MEASURED), Key("target", OVERLAID), Key("command", RESIDUAL))
     cards = tuple(Card((Strong(view.point.id), f" {view.point.motion}"), (Figures(_figures(view, of), across=2),))
@@ -62,20 +60,15 @@ def _row(view: PointView, of: Mapping[str, Any]) -> tuple[Words, ...]:
     point, quality, band_Hz = view.point, view.point.quality.signal, of.get("band_Hz") or (None, None)
     nrms, delay_s = (None, None) if quality is None else (quality.nrms, quality.delay_s)
     values = (
-        _times(nrms, 100.0), _times(point.commanded.tracking_tolerance, 100.0), *band_Hz,
-        _times(of.get("delay_s"), 1e3), _times(delay_s, 1e3),
+        times(nrms, 100.0), times(point.commanded.tracking_tolerance, 100.0), *band_Hz,
+        times(of.get("delay_s"), 1e3), times(delay_s, 1e3),
     )
     errors = ", ".join(number(100.0 * error, 3) for error in of.get("errors", ()))
     outcome = str(of.get("outcome", ""))
-    shown = (NOTHING if value is None else number(value, 3) for value in values)
     return (
-        point.id, point.motion, errors or NOTHING, *shown,
+        point.id, point.motion, errors or NOTHING, *(number(value, 3) for value in values),
         OUTCOMES.get(outcome, outcome) or NOTHING, verdict(point.verdict),
     )
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
 
 
 def _figures(view: PointView, of: Mapping[str, Any]) -> tuple[Figure, ...]:
@@ -84,10 +77,11 @@ def _figures(view: PointView, of: Mapping[str, Any]) -> tuple[Figure, ...]:
     figures = []
     if len(errors):
         trials = np.arange(len(errors), dtype=np.float64)
+        ends = (-0.3, max(1.0, trials[-1]) + 0.3)
         tolerance = np.full(2, 100.0 * (point.commanded.tracking_tolerance or 0.0))
         figures.append(Figure(
-            Axis("Trial", limits=(-0.3, max(1.0, trials[-1]) + 0.3)), Axis("RMS error", "%", log=True),
-            [Trace(np.array([-0.3, max(1.0, trials[-1]) + 0.3]), tolerance, Style.THIN, "tolerance"),
+            Axis("Trial", limits=ends), Axis("RMS error", "%", log=True),
+            [Trace(np.array(ends), tolerance, Style.THIN, "tolerance"),
              Trace(trials, errors, Style.THIN, "error"), Trace(trials, errors, Style.POINTS, "error")],
             *SIZE, title=f"{point.id}: RMS error of each trial",
         ))
@@ -108,14 +102,10 @@ def _response_figures(point: RecordedPoint, of: Mapping[str, Any], frequency_Hz:
     return [
         Figure(
             axis, Axis("Gain"), [gain], *SIZE,
-            title=f"{point.id}: gain from command to {'equivalent motion' if _of_force(point) else 'rod'}",
+            title=f"{point.id}: gain from command to {'equivalent motion' if of_force(point) else 'rod'}",
         ),
         Figure(axis, Axis("Coherence", limits=(0.0, 1.05)), coherence, *SIZE, title=f"{point.id}: coherence"),
     ]
-
-
-def _of_force(point: RecordedPoint) -> bool:
-    return point.record is not None and point.record.of_force
 
 
 def _array(of: Mapping[str, Any], name: str) -> FloatArray:
@@ -124,20 +114,17 @@ def _array(of: Mapping[str, Any], name: str) -> FloatArray:
 
 def _command_figure(point: RecordedPoint, display: Display) -> Figure | None:
     """Command, target and rod, or target and force, over a short time; None where they were not recorded."""
-    if _of_force(point):
+    if of_force(point):
         return _force_figure(point, display)
     quality = point.quality.signal
     sent, target, command = (point.raw(name) for name in ("signal_time", "signal_target", "signal_command"))
     if quality is None or quality.start_s is None or sent is None or target is None or command is None:
         return None
     elapsed_s = np.asarray(sent["value"], np.float64)
-    near = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S
-    known, shown = np.isfinite(point.displacement_m), display.displacement
-    if not len(elapsed_s) == len(target["value"]) == len(command["value"]) or np.count_nonzero(known) < 2:
+    near, shown = middle_of(elapsed_s), display.displacement
+    rod_m = rod_at(point, quality.start_s + elapsed_s[near])
+    if not len(elapsed_s) == len(target["value"]) == len(command["value"]) or rod_m is None:
         return None
-    rod_m = np.interp(
-        quality.start_s + elapsed_s[near], point.time_s[known], point.displacement_m[known] - point.centre_m
-    )
     lines = (
         ("command", np.asarray(command["value"], np.float64)[near], RESIDUAL),
         ("target", np.asarray(target["value"], np.float64)[near], OVERLAID), ("rod", rod_m, MEASURED),
@@ -153,7 +140,7 @@ def _force_figure(point: RecordedPoint, display: Display) -> Figure | None:
     if followed is None:
         return None
     elapsed_s, target_N, force_N = followed
-    near, shown = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S, display.force
+    near, shown = middle_of(elapsed_s), display.force
     lines = (("target", target_N, OVERLAID), ("force", force_N, MEASURED))
     traces = [
         Trace(elapsed_s[near], shown.signed(values[near]), name=name, colour=colour) for name, values, colour in lines

@@ -9,13 +9,13 @@ import numpy as np
 from rig.display import Display, Shown
 from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Keys, section, table
 from rig.document.figure import Axis, Figure, Trace, thinned
-from rig.document.numbers import NOTHING, number
+from rig.document.numbers import number
 from rig.document.style import MEASURED, OVERLAID, RESIDUAL
 from rig.document.words import Key, Strong, Words, verdict
 from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.views import PointView
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray
 from rig.test_point import SIGNAL
 
 
@@ -47,7 +47,7 @@ def signals_section(views: Sequence[PointView]) -> Blocks:
     shown = [view for view in views if view.point.kind == SIGNAL]
     if not shown:
         return []
-    forces = any(view.point.record is not None and view.point.record.of_force for view in shown)
+    forces = any(of_force(view.point) for view in shown)
     note = f"{NOTE} {FORCE_NOTE}" if forces else NOTE
     parts: Blocks = [*section("Signals", note), table(_head(shown[0].display), [_row(view) for view in shown])]
     drawn = tuple(made for view in shown if (made := _plots(view.point, view.display)) is not None)
@@ -67,35 +67,49 @@ def _row(view: PointView) -> tuple[Words, ...]:
     )
     values = (
         view.display.displacement.value(point.amplitude_m), record_s, evaluated_s, highest_Hz or None,
-        point.current_A, _times(quality.nrms, 100.0), _times(quality.delay_s, 1e3), _times(quality.reached, 100.0),
+        point.current_A, times(quality.nrms, 100.0), times(quality.delay_s, 1e3), times(quality.reached, 100.0),
         view.error_percent,
     )
     return (
-        point.id, point.motion, *(NOTHING if value is None else number(value, 4) for value in values),
-        verdict(point.verdict),
+        point.id, point.motion, *(number(value, 4) for value in values), verdict(point.verdict),
     )
 
 
-def _times(value: float | None, factor: float) -> float | None:
+def times(value: float | None, factor: float) -> float | None:
+    """A number in another unit; None where there is none."""
     return None if value is None else factor * value
+
+
+def of_force(point: RecordedPoint) -> bool:
+    """Whether a force was to be followed."""
+    return point.record is not None and point.record.of_force
+
+
+def middle_of(elapsed_s: FloatArray) -> BoolArray:
+    """Which samples of a signal (n,) are shown: `SHOWN_S` about its middle."""
+    return np.asarray(np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S)
+
+
+def rod_at(point: RecordedPoint, at_s: FloatArray) -> FloatArray | None:
+    """Displacement of the rod from the centre of its motion at some times (k,), m; None where it was not recorded."""
+    known = np.isfinite(point.displacement_m)
+    if np.count_nonzero(known) < 2:
+        return None
+    return np.interp(at_s, point.time_s[known], point.displacement_m[known] - point.centre_m)
 
 
 def _plots(point: RecordedPoint, display: Display) -> Card | None:
     """Rod and target over a short time, and their distance over all of it; None where they were not recorded."""
-    if point.record is not None and point.record.of_force:
+    if of_force(point):
         followed = followed_force(point)
         return None if followed is None else _card(point, *followed, display.force, "force")
     quality, sent, target = point.quality.signal, point.raw("signal_time"), point.raw("signal_target")
     if quality is None or quality.start_s is None or sent is None or target is None:
         return None
     elapsed_s, target_m = np.asarray(sent["value"], np.float64), np.asarray(target["value"], np.float64)
-    delay_s, centre_m = quality.delay_s or 0.0, point.centre_m
-    known = np.isfinite(point.displacement_m)
-    if len(elapsed_s) != len(target_m) or np.count_nonzero(known) < 2:
+    rod_m = rod_at(point, quality.start_s + (quality.delay_s or 0.0) + elapsed_s)
+    if len(elapsed_s) != len(target_m) or rod_m is None:
         return None
-    rod_m = np.interp(
-        quality.start_s + delay_s + elapsed_s, point.time_s[known], point.displacement_m[known] - centre_m
-    )
     return _card(point, elapsed_s, target_m, rod_m, display.displacement, "rod")
 
 
@@ -119,8 +133,7 @@ def _card(
     point: RecordedPoint, elapsed_s: FloatArray, target: FloatArray, measured: FloatArray, shown: Shown, name: str
 ) -> Card:
     """A measured signal and its target over a short time, and their distance over all of it."""
-    near = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S
-    rows = thinned(len(elapsed_s), MOST_DRAWN)
+    near, rows = middle_of(elapsed_s), thinned(len(elapsed_s), MOST_DRAWN)
     time = Axis("Time", "s")
     follow = Figure(
         time, Axis(shown.title(name.capitalize()), shown.unit),
