@@ -94,8 +94,10 @@ class History:
         run = CampaignFolder(self.folder / name)
         described, result = self._json(run.description), self._ended[name].result
         verdicts = [str(point.get("verdict", "")) for point in result["points"]]
-        planned = described.get("points")
-        total = max(len(planned) if isinstance(planned, list) else 0, len(verdicts))
+        planned, total = described.get("points"), result.get("total")  # stated by a run that has ended
+        if not isinstance(total, int) or "imported" in result:
+            total = len(planned) if isinstance(planned, list) else 0
+        total = max(total, len(verdicts))
         valid, suspect = verdicts.count("valid"), verdicts.count("suspect")
         ended, slug = self._ending(run, result)
         simulated = isinstance(described.get("simulated"), dict)

@@ -24,6 +24,7 @@ from rig.comparison.specimen import read_specimen
 from rig.errors import DataWarning, FileProblem
 from rig.files.toml_source import read_toml
 from rig.fits.fit_record import FitRecord, fit_in
+from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes, channel_names
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_campaign, read_words
@@ -94,10 +95,11 @@ def content_of(folder: Path) -> Content:
     else:
         children |= {} if fit is None else {"fits": [_fit(fit)], "parameters": list(_parameters(fit))}
     bench_verdict = _worst(run)
-    children["verdicts"] = [_bench_verdict(bench_verdict, run, campaign), *_specimen_verdicts(folder, remarks)]
+    planned = _planned(folder, campaign)
+    children["verdicts"] = [_bench_verdict(bench_verdict, run, planned), *_specimen_verdicts(folder, remarks)]
     specimen_verdict = next((row["verdict"] for row in children["verdicts"] if row["subject"] == SPECIMEN), NOT_TESTED)
     row = {
-        "campaign_id": campaign_id, **_described(folder, run, campaign),
+        "campaign_id": campaign_id, **_described(folder, run, campaign), "planned_points": planned,
         "recorded_points": 0 if run is None else len(run.points), "valid_points": 0 if run is None else len(run.valid),
         "bench_verdict": bench_verdict, "specimen_verdict": specimen_verdict,
     }
@@ -143,7 +145,6 @@ def storable(text: str) -> str:
 
 
 def _described(folder: Path, run: Run | None, campaign: Mapping[str, Any]) -> Row:
-    planned = campaign.get("points")
     provenance: Mapping[str, Any] = run.points[0].provenance if run is not None and run.points else {}
     hashes = campaign.get("hashes")
     specimen = campaign.get("specimen") or provenance.get("specimen", "")
@@ -159,7 +160,6 @@ def _described(folder: Path, run: Run | None, campaign: Mapping[str, Any]) -> Ro
         "bench": str(campaign.get("bench") or provenance.get("bench", "")),
         "started": _time(campaign.get("started_utc") or campaign.get("created") or provenance.get("started_utc")),
         "software": str(campaign.get("software", "")), "simulated": simulated, "imported": imported,
-        "planned_points": len(planned) if isinstance(planned, list) else 0,
     }
 
 
@@ -206,11 +206,16 @@ def _worst(run: Run | None) -> str:
     return next((name for name in reversed(VERDICTS) if name in verdicts), "")
 
 
-def _bench_verdict(verdict: str, run: Run | None, campaign: Mapping[str, Any]) -> Row:
+def _planned(folder: Path, campaign: Mapping[str, Any]) -> int:
+    """Number of planned points, without those that were withdrawn because a stop rule had ended their test."""
+    planned, withdrawn = campaign.get("points"), withdrawn_points(folder)
+    names = planned if isinstance(planned, list) else []
+    return sum(not (isinstance(name, str) and name in withdrawn) for name in names)
+
+
+def _bench_verdict(verdict: str, run: Run | None, planned: int) -> Row:
     points = () if run is None else run.points
-    planned = campaign.get("points")
-    total = len(planned) if isinstance(planned, list) else 0
-    reasons = [f"{len(points)} of {total} points recorded"] if len(points) < total else []
+    reasons = [f"{len(points)} of {planned} points recorded"] if len(points) < planned else []
     reasons += [
         f"{point.id} {point.verdict}: {'; '.join(point.reasons)}" for point in points if point.verdict != "valid"
     ]

@@ -22,12 +22,13 @@ from rig.results.content import Content, content_of
 from rig.results.run_index import NAME, SETTLED_NS, own_stamps, points_stamp
 from rig.results.schema import CHILDREN, campaigns, sources, specimens, stations
 
-CONTENT = 2
+CONTENT = 3
 """Of the rows that a run gives; runs that were read with another one are read again."""
 BATCH_S = 2.0
 """Results that were read for so long are written together."""
 BESIDE = (
     CampaignFolder.bench, CampaignFolder.matrix, CampaignFolder.details, CampaignFolder.operator,
+    CampaignFolder.endurance,
 )
 """Further files from which rows are made, in addition to those of the index of runs."""
 

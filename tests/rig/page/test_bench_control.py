@@ -410,6 +410,15 @@ def test_the_history_states_how_runs_ended_and_gives_out_reports_of_their_own_fo
     assert History(tmp_path / "nowhere", simulated=False).look() == []
 
 
+def test_points_that_a_stop_rule_withdrew_are_not_counted(control: AnsweringControl) -> None:
+    run = control.bench.out / run_in(control, "20260102T030405Z-MR-1-aaaaaa")
+    result = {"event": "result", "points": [{"id": "p001", "verdict": "valid"}], "valid": 1, "total": 1,
+              "stopped_by": None, "rig_state": "safe", "detail": ""}  # fmt: skip
+    (run / "journal.jsonl").write_text(json.dumps(result) + "\n")
+    entry = control.history.look()[0]
+    assert (entry["ended"], entry["valid"], entry["total"], entry["resumable"]) == ("finished", 1, 1, False)
+
+
 def test_a_resumed_run_that_moves_has_neither_the_old_stop_nor_the_old_report(
     control: AnsweringControl, running: Path
 ) -> None:

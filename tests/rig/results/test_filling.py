@@ -115,6 +115,15 @@ def test_hybrid_tests_and_the_rule_that_ended_an_endurance_test_are_rows(
     }  # fmt: skip
 
 
+def test_points_that_a_stop_rule_withdrew_are_not_planned(runs: Path, made: Make) -> None:
+    run = made("r1", points=2)
+    (run / "points" / "p002.h5").unlink()
+    for withdrawn, planned, reason in (([], 2, "1 of 2 points recorded"), (["p002"], 1, "")):
+        (run / "endurance.json").write_text(json.dumps({"tests": [{"withdrawn": withdrawn}]}))
+        kept = content(runs)
+        assert (kept["campaigns"][0]["planned_points"], kept["verdicts"][0]["reason"]) == (planned, reason)
+
+
 def test_the_verdict_on_the_specimen_comes_with_its_margins(runs: Path, made: Make) -> None:
     run = made("r1")
     result = Result("rebound_force", "r1", "sine, 20 mm, 1 Hz, 0.5 A", ("p001",), 75.7, 1.0, 80.0, None, "N",
