@@ -19,6 +19,10 @@ from rig.errors import FileProblem
 
 LOGS = Path("logs")
 """Folder in which runs are created by default, and in which short names of runs are searched."""
+IDENTIFIER = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
+"""Ids of points and serial numbers of specimens, which become parts of file names (also in the form of the bench's
+page)."""
+IDENTIFIER_TEXT = "a letter or digit, followed by letters, digits, - or _ (at most 32 characters)"
 LAST = re.compile(r"last(?:-([1-9]\d{0,5}))?|-([1-9]\d{0,5})", re.IGNORECASE)
 STARTED = re.compile(r"\d{8}T\d{6}Z")
 """At the beginning of a run's name (UTC)."""

@@ -20,6 +20,7 @@ from pydantic import Field
 
 from protocols.descriptions import Problem
 from rig.bench.model import Bench
+from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT
 from rig.errors import FileProblem, FileProblems
 from rig.files.display_table import DisplayTable
 from rig.files.loader import WrongKind, load_section
@@ -35,7 +36,6 @@ from rig.matrix.record_file import FORCE
 from rig.matrix.report_table import ReportTable
 from rig.matrix.response_table import ResponseTable
 from rig.matrix.sections import (
-    IDENTIFIER,
     Campaign,
     CurrentStep,
     ExtraPoint,
@@ -121,10 +121,7 @@ class Matrix(ExtendedSection):
         if not serial_number:
             return self
         if not re.fullmatch(IDENTIFIER, serial_number):
-            raise FileProblem("--serial-number", [
-                f"{serial_number!r:.80}: expected a letter or digit, followed by letters, digits, - or _ (at most 32 "
-                "characters)"
-            ])
+            raise FileProblem("--serial-number", [f"{serial_number!r:.80}: expected {IDENTIFIER_TEXT}"])
         if self.line is not None and (problem := self.line.problem_with(serial_number)):
             raise FileProblem("--serial-number", [f"{serial_number}: {problem}"])
         return self.model_copy(update={"specimen": self.specimen.model_copy(update={"serial_number": serial_number})})

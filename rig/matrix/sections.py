@@ -17,6 +17,7 @@ from pydantic import (
 
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
+from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT
 from rig.dampers import MODELS, PARAMETER_SETS
 from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 from rig.errors import FileProblem
@@ -52,11 +53,7 @@ CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC
 Cycles = Annotated[int, Field(ge=3, le=10_000, description="number of cycles at full amplitude; the first and the "
     "last are discarded")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
-IDENTIFIER = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
-Identifier = Annotated[
-    str, Field(pattern=IDENTIFIER),
-    Wording("a letter or digit, followed by letters, digits, - or _ (at most 32 characters)", "MR-001"),
-]  # fmt: skip
+Identifier = Annotated[str, Field(pattern=f"^{IDENTIFIER}$"), Wording(IDENTIFIER_TEXT, "MR-001")]
 
 
 class Specimen(ExtendedSection):

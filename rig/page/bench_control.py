@@ -23,7 +23,7 @@ from typing import Any
 
 from drivers.processes import own_program
 from protocols.patterns import Pattern
-from rig.campaign_folder import CampaignFolder
+from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT, CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.page.commands import WORDS, one_line
 from rig.page.history import History
@@ -44,7 +44,7 @@ LOOK_EVERY_NS = 1_000_000_000
 ANSWER_S = 180.0
 MOST_WAITING = 6
 """Requests of all browsers together, the one that is processed among them."""
-SERIAL_NUMBER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
+SERIAL_NUMBER = re.compile(IDENTIFIER)
 LONGEST_REQUALIFIED = 500
 DIGEST = re.compile(r"[0-9a-f]{64}")
 
@@ -388,8 +388,7 @@ class BenchControl:
             raise Refusal("matrix-infeasible", "The plan contains points outside the limits of the bench.")
         serial_number = str(message.get("serial_number", "")).strip()
         if not SERIAL_NUMBER.fullmatch(serial_number):
-            raise Refusal("bad-serial-number", "Serial number: expected a letter or digit, followed by letters, "
-                          "digits, - or _ (at most 32 characters).")
+            raise Refusal("bad-serial-number", f"Serial number: expected {IDENTIFIER_TEXT}.")
         if message.get("line"):
             self._next_of_line(known["line"], serial_number, message)
         rig = ("--simulate", f"--speed={self.bench.speed:g}") if self.bench.simulate else ()
