@@ -21,6 +21,7 @@ from rig.cli.output import status_line
 from rig.cli.words import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ACCEPTED, EXIT_NOT_ALL_VALID, FileProblem
 from rig.matrix.acceptance_table import has_acceptance
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.text_file import read_json
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class JobResult:
             return self.campaign.exit_code
         if self.error is not None:
             return EXIT_IDENTIFICATION
-        return EXIT_DONE if self.specimen is None or self.specimen.verdict == "ok" else EXIT_NOT_ACCEPTED
+        return EXIT_DONE if self.specimen is None or self.specimen.verdict == SpecimenVerdict.OK else EXIT_NOT_ACCEPTED
 
     @property
     def force_tables(self) -> tuple[ForceTable, ...]:

@@ -23,6 +23,7 @@ from rig.cli.output import say
 from rig.clock import utc_now
 from rig.errors import FileProblem, RigError
 from rig.recording.atomic_write import write_durably
+from rig.recording.tested_specimens import SpecimenVerdict
 
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, Display, PointResult
@@ -292,8 +293,8 @@ def take_specimen(report: JUnitReport, specimen: SpecimenResult | None) -> None:
     """Put the verdict on the specimen into the report; nothing if the matrix has no acceptance bands."""
     if specimen is None:
         return
-    outcomes = {"ok": Outcome.PASSED, "not-ok": Outcome.FAILURE, "not-tested": Outcome.ERROR}
-    outcome, passed = outcomes[str(specimen.verdict)], specimen.verdict == "ok"
+    outcomes = {SpecimenVerdict.OK: Outcome.PASSED, SpecimenVerdict.NOT_OK: Outcome.FAILURE}
+    outcome, passed = outcomes.get(specimen.verdict, Outcome.ERROR), specimen.verdict == SpecimenVerdict.OK
     kind, text = ("", "") if passed else (str(specimen.verdict), specimen.reason)
     report.cases["specimen"] = Case(f"specimen {specimen.serial_number}".rstrip(), outcome, kind, text)
     report.complete()

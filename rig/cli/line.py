@@ -17,8 +17,11 @@ from rig.cli.output import console, show, write_json
 from rig.cli.run import check_usage, following, rig_of, specimens_of
 from rig.clock import utc_now
 from rig.errors import EXIT_STOPPED, EXIT_UNKNOWN_STATE, FileProblem, RigError, UnknownRigState
+from rig.recording.tested_specimens import TITLES, SpecimenVerdict, TestedSpecimens
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
     from rig.campaign.results import CampaignOptions
@@ -34,8 +37,10 @@ LETTERS = {
     "D": ("#### ", "#   #", "#   #", "#   #", "#### "), " ": ("  ", "  ", "  ", "  ", "  "),
 }  # fmt: skip
 """Large letters of the verdicts, which can be read from a distance."""
-STYLES = {"ok": "bold white on green", "not-ok": "bold white on red", "not-tested": "bold black on yellow"}
-TITLES = {"ok": "OK", "not-ok": "NOT OK", "not-tested": "NOT TESTED"}
+STYLES: Mapping[str, str] = {
+    SpecimenVerdict.OK: "bold white on green", SpecimenVerdict.NOT_OK: "bold white on red",
+    SpecimenVerdict.NOT_TESTED: "bold black on yellow",
+}  # fmt: skip
 MARGIN = 2
 
 
@@ -82,7 +87,6 @@ def command(
     from rig.cli.line_entries import Entries
     from rig.cli.line_session import LineSession
     from rig.matrix.model import load_files, load_matrix
-    from rig.recording.tested_specimens import TestedSpecimens
 
     tests, known = (load_matrix(matrix), None) if bench is None else load_files(matrix, bench)
     _require_bands(matrix, tests)
@@ -206,19 +210,20 @@ class _Line:
 
     def _test(self, serial_number: str) -> bool:
         """Test a specimen; False where the line must end."""
-        from rig.cli.line_session import NOT_TESTED, LineResult  # its module is loaded by then
+        from rig.cli.line_session import LineResult  # its module is loaded by then
 
         self._say(f"Testing {serial_number}", "bold")
+        untested = str(SpecimenVerdict.NOT_TESTED)
         began_s = time.monotonic()
         try:
             job = self._job(serial_number)
             result = LineResult.of(serial_number, job, time.monotonic() - began_s)
         except UnknownRigState as error:
-            result = LineResult(serial_number, NOT_TESTED, str(error), EXIT_UNKNOWN_STATE, None, 0.0)
+            result = LineResult(serial_number, untested, str(error), EXIT_UNKNOWN_STATE, None, 0.0)
         except RigError as error:
-            result = LineResult(serial_number, NOT_TESTED, str(error), error.exit_code, None, 0.0)
+            result = LineResult(serial_number, untested, str(error), error.exit_code, None, 0.0)
         except KeyboardInterrupt:  # after the motion: the campaign itself takes Ctrl-C as a stop
-            result = LineResult(serial_number, NOT_TESTED, "interrupted by the operator", EXIT_STOPPED, None, 0.0)
+            result = LineResult(serial_number, untested, "interrupted by the operator", EXIT_STOPPED, None, 0.0)
         self._session.take(result)
         self._show(result)
         self.delivered()

@@ -24,7 +24,7 @@ from rig.errors import (
     EXIT_UNKNOWN_STATE,
     FileProblem,
 )
-from rig.recording.tested_specimens import TestedSpecimens, tested_before
+from rig.recording.tested_specimens import TITLES, SpecimenVerdict, TestedSpecimens, tested_before
 
 if TYPE_CHECKING:
     from rig.cli.job import JobResult
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 CONTINUE, RETEST, QUIT = "continue", "retest", "quit"
 """Words that an operator types."""
 LONGEST_SCAN = 200
-OK, NOT_OK, NOT_TESTED = "ok", "not-ok", "not-tested"
 WORST_FIRST = (
     EXIT_UNKNOWN_STATE, EXIT_STOPPED, EXIT_REFUSED, EXIT_NOT_ALL_VALID, EXIT_IDENTIFICATION, EXIT_NOT_ACCEPTED,
 )  # fmt: skip
@@ -93,7 +92,7 @@ class LineResult:
     def of(cls, serial_number: str, job: JobResult, takt_s: float) -> LineResult:
         """Of a specimen's campaign."""
         campaign = job.campaign
-        verdict, reason = (NOT_TESTED, campaign.detail) if job.specimen is None else (
+        verdict, reason = (str(SpecimenVerdict.NOT_TESTED), campaign.detail) if job.specimen is None else (
             str(job.specimen.verdict), job.specimen.reason
         )
         if campaign.stop is not None or campaign.refused:
@@ -187,12 +186,12 @@ class LineSession:
     @property
     def counts(self) -> dict[str, int]:
         """Number of specimens of this session by verdict."""
-        return {name: sum(one.verdict == name for one in self.results) for name in (OK, NOT_OK, NOT_TESTED)}
+        return {name: sum(one.verdict == name for one in self.results) for name in map(str, SpecimenVerdict)}
 
     @property
     def takts_s(self) -> list[float]:
         """Takt of each specimen with a verdict."""
-        return [one.takt_s for one in self.results if one.verdict != NOT_TESTED]
+        return [one.takt_s for one in self.results if one.verdict != SpecimenVerdict.NOT_TESTED]
 
     @property
     def mean_takt_s(self) -> float:
@@ -202,8 +201,7 @@ class LineSession:
     @property
     def summary(self) -> str:
         """Counters and takt in one line."""
-        counts = self.counts
-        text = f"OK {counts[OK]}, NOT OK {counts[NOT_OK]}, NOT TESTED {counts[NOT_TESTED]}"
+        text = ", ".join(f"{TITLES[verdict]} {count}" for verdict, count in self.counts.items())
         if self.takts_s:
             text += f"; takt {self.takts_s[-1]:.1f} s, mean {self.mean_takt_s:.1f} s"
         return text

@@ -16,11 +16,12 @@ from rig.cli.output import console, progress_bar, show, write_json
 from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.point_files import unfinished
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.results.run_index import VERDICTS, RunFilter, listed
 
 WIDE = 110
 """Columns from which specimen and date, which are part of most names, have columns of their own."""
-NOT_TESTED = "not-tested"
+NOT_TESTED = str(SpecimenVerdict.NOT_TESTED)
 MOST_SHOWN = 200
 """Rows of the table; the last ones."""
 

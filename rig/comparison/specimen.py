@@ -10,7 +10,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -27,18 +26,10 @@ from rig.files.toml_source import read_toml
 from rig.matrix.acceptance_table import LARGEST_BANDS_BYTES, AcceptanceTable, has_acceptance
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.run import Run, read_campaign
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.text_file import read_bytes, read_json
 
 FORMAT = 1
-
-
-class SpecimenVerdict(StrEnum):
-    """The verdict on a specimen."""
-
-    OK = "ok"
-    NOT_OK = "not-ok"
-    NOT_TESTED = "not-tested"
-    """A value that a band requires was not measured, or its uncertainty does not allow a decision."""
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,14 @@ import math
 from rig.comparison.acceptance import FIT, PERCENT, Result, State
 from rig.display import Display, Shown
 from rig.document.words import FAIR, GOOD, POOR, Severity
+from rig.recording.tested_specimens import TITLES, SpecimenVerdict
 
 NOTHING = "-"
 SEVERITIES: dict[State, Severity] = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
 SPECIMEN: dict[str, tuple[str, Severity]] = {
-    "ok": ("OK", GOOD), "not-ok": ("NOT OK", POOR), "not-tested": ("NOT TESTED", FAIR),
+    verdict: (TITLES[verdict], severity) for verdict, severity in (
+        (SpecimenVerdict.OK, GOOD), (SpecimenVerdict.NOT_OK, POOR), (SpecimenVerdict.NOT_TESTED, FAIR),
+    )
 }  # fmt: skip
 """Verdict on a specimen -> title, severity."""
 

@@ -24,6 +24,7 @@ from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.recording.quality.stopped_point import was_stopped
+from rig.recording.tested_specimens import TITLES
 from rig.station.live_folder import read_json
 from rig.text_file import JSON_LIMIT_BYTES, open_regular, stamp
 
@@ -33,7 +34,6 @@ KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
 PEAK_FORCES = ("peak_force_rebound_N", "peak_force_compression_N")
 REQUESTED = frozenset({"operator", "sigint", "sigterm"})
 """Codes of stops that were requested before the rig was connected: no refusals."""
-SPECIMEN_VERDICTS = ("ok", "not-ok", "not-tested")
 LONGEST_REASON = 600
 RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
@@ -68,7 +68,7 @@ class EndedRun:
         if now != self._specimen[0]:
             written = {} if now is None or file.is_symlink() else read_json(file)
             verdict = written.get("specimen")
-            known = isinstance(verdict, str) and verdict in SPECIMEN_VERDICTS
+            known = isinstance(verdict, str) and verdict in TITLES
             reason = str(written.get("reason", ""))[:LONGEST_REASON]
             self._specimen = now, {"verdict": str(verdict), "reason": reason} if known else {}
         return self._specimen[1]

@@ -16,7 +16,7 @@ from rig.campaign_folder import CampaignFolder, by_age
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
-from rig.recording.tested_specimens import TESTED, TestedSpecimen, TestedSpecimens
+from rig.recording.tested_specimens import TESTED, SpecimenVerdict, TestedSpecimen, TestedSpecimens
 from rig.station.live_folder import LOCK, held, read_json
 from rig.text_file import open_regular, stamp
 
@@ -145,7 +145,7 @@ def _counters(tested: list[TestedSpecimen]) -> dict[str, Any]:
     """Number of specimens by verdict, and the takt: time from the start of a campaign to its verdict (s)."""
     takts_s = [one.cycle_s for one in tested if one.verdict in TESTED]
     return {
-        **{verdict: sum(one.verdict == verdict for one in tested) for verdict in ("ok", "not-ok", "not-tested")},
+        **{verdict: sum(one.verdict == verdict for one in tested) for verdict in map(str, SpecimenVerdict)},
         "takt_last_s": takts_s[-1] if takts_s else None,
         "takt_mean_s": math.fsum(takts_s) / len(takts_s) if takts_s else None,
     }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 
 from rig.campaign_folder import CampaignFolder, by_age
@@ -13,9 +14,23 @@ from rig.errors import FileProblem
 from rig.text_file import read_json, stamp
 
 RUN_NAME = re.compile(r"(\d{8}T\d{6}Z)-(.+)-[0-9a-f]{6}")
-TESTED = frozenset({"ok", "not-ok"})
+
+
+class SpecimenVerdict(StrEnum):
+    """The verdict on a specimen."""
+
+    OK = "ok"
+    NOT_OK = "not-ok"
+    NOT_TESTED = "not-tested"
+    """A value that a band requires was not measured, or its uncertainty does not allow a decision."""
+
+
+TESTED = frozenset({SpecimenVerdict.OK, SpecimenVerdict.NOT_OK})
 """Verdicts of a specimen that was tested; any other may be tested again at once."""
-TITLES = {"ok": "OK", "not-ok": "NOT OK"}
+TITLES: Mapping[str, str] = {
+    SpecimenVerdict.OK: "OK", SpecimenVerdict.NOT_OK: "NOT OK", SpecimenVerdict.NOT_TESTED: "NOT TESTED",
+}  # fmt: skip
+"""Verdict on a specimen -> as it is shown."""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from rig.comparison.acceptance import AcceptanceResult, Result, State
-from rig.comparison.specimen import SpecimenResult, SpecimenVerdict
+from rig.comparison.specimen import SpecimenResult
 from rig.comparison.words import SEVERITIES, SPECIMEN
 from rig.display import Display
 from rig.document.blocks import Blocks, Column, Fact, Head, Note, section, table
 from rig.document.numbers import PLUS_MINUS, known_digits, number
 from rig.document.words import Label, Words
+from rig.recording.tested_specimens import SpecimenVerdict
 
 EXPANDED = f"{PLUS_MINUS} (95 %)"
 DECISIONS = {"simple": "The uncertainty does not affect the result."} | dict.fromkeys(

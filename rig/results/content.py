@@ -28,6 +28,7 @@ from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes, channel_names
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_campaign, read_words
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
 from rig.results.run_index import VERDICTS
 from rig.results.schema import stored_current
@@ -36,7 +37,7 @@ from rig.results.special_tests import special_values
 NAMESPACE = uuid.UUID("6f3f6d0b-0d0e-5bd2-9a55-1b8f9a3c4d77")
 """Of the campaigns' UUIDs, which are derived from the name in `campaign.json`: a copied or renamed directory, or one
 that is read again on another computer, is the same campaign."""
-NOT_TESTED = "not-tested"
+NOT_TESTED = str(SpecimenVerdict.NOT_TESTED)
 
 Row = dict[str, Any]
 

@@ -13,15 +13,15 @@ import pytest
 
 from rig.campaign.results import CampaignResult, RigState
 from rig.cli.job import JobResult
-from rig.cli.line import TITLES, large
+from rig.cli.line import large
 from rig.cli.line_entries import Entries, WatchingDisplay
 from rig.cli.line_session import Answer, LineResult, LineSession
 from rig.cli.main import main
-from rig.comparison.specimen import SpecimenResult, SpecimenVerdict
+from rig.comparison.specimen import SpecimenResult
 from rig.errors import EXIT_NOT_ACCEPTED, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE, EXIT_USAGE, FileProblem
 from rig.matrix.line_table import LineTable
 from rig.matrix.model import load_matrix
-from rig.recording.tested_specimens import TestedSpecimens
+from rig.recording.tested_specimens import TITLES, SpecimenVerdict, TestedSpecimens
 from simulators.options import RigOptions, with_option
 from simulators.plant.plant import specimen_model
 from simulators.specimens import as_specimen

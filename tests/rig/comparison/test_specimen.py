@@ -18,7 +18,6 @@ from rig.cli.junit import JUnitReport, Outcome, take_specimen
 from rig.comparison.planned_bands import check_acceptance
 from rig.comparison.specimen import (
     SpecimenResult,
-    SpecimenVerdict,
     read_specimen,
     specimen_result,
     untested,
@@ -30,6 +29,7 @@ from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ACCEPTED, EXIT_N
 from rig.matrix.model import load_matrix
 from rig.page.ended_run import EndedRun
 from rig.recording.run import Run
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.report.acceptance import acceptance_section, specimen_fact
 
 Make = Callable[..., Path]

@@ -16,8 +16,9 @@ from result_tables import comparable
 from sqlalchemy import text
 
 from rig.comparison.acceptance import AcceptanceResult, Result, State
-from rig.comparison.specimen import SpecimenResult, SpecimenVerdict, write_specimen
+from rig.comparison.specimen import SpecimenResult, write_specimen
 from rig.errors import FileProblem
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.results.connection import Unreachable
 from rig.results.connection import server as opened
 from rig.results.delivery import Outbox, deliver_folder

@@ -18,9 +18,10 @@ from sqlalchemy import text
 
 from rig.characteristics.hybrid_tests import HybridTest
 from rig.comparison.acceptance import AcceptanceResult, Result, State
-from rig.comparison.specimen import SpecimenResult, SpecimenVerdict, write_specimen
+from rig.comparison.specimen import SpecimenResult, write_specimen
 from rig.errors import FileProblem
 from rig.hybrid.assessment import Assessment
+from rig.recording.tested_specimens import SpecimenVerdict
 from rig.results import documentation, filling, special_tests
 from rig.results.filling import Filled, filled_database
 from rig.results.reader import ResultFilter, ResultRow, date_range, open_results, result_rows
