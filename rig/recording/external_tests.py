@@ -233,9 +233,9 @@ def _of_sheets(problems: Mapping[str, Sequence[str]], sheets: Sequence[str]) -> 
     """What does not fit in the sheets of a workbook, in detail in the first one only, and which sheets fit."""
     first, *more = problems
     for text in problems[first]:
-        yield text if text.startswith(f"{first}: ") else f"sheet {first!r}: {text}"
+        yield f"sheet {first!r}: {text}"
     for name in more[:MORE_SHEETS]:
-        yield f"sheet {name!r}: {problems[name][0].removeprefix(f'{name}: ')}"
+        yield f"sheet {name!r}: {problems[name][0]}"
     if more[MORE_SHEETS:]:
         yield f"also not imported: {', '.join(f'sheet {name!r}' for name in more[MORE_SHEETS:])}"
     fitting = [name for name in sheets if name not in problems]
@@ -264,10 +264,11 @@ def _tests_of(
         ])
     tests = []
     for number, (start, stop) in enumerate(parts, start=1):
-        part = "_".join([*([name] if name else []), *([f"part{number}"] if len(parts) > 1 else [])])
+        of_table = f"part{number}" if len(parts) > 1 else ""
+        part = _Part("_".join(filter(None, (name, of_table))), of_table, start, (*notes, *stated))
         tests.append(_test(file, sha256, opened, choices, {
             quantity: values[start:stop] for quantity, values in table.items()
-        }, _Part(part, start, (*notes, *stated)), settings, pattern))  # fmt: skip
+        }, part, settings, pattern))  # fmt: skip
     return tests
 
 
@@ -303,9 +304,10 @@ def _with_stated(file: Path, opened: TableFile, settings: ImportSettings) -> Imp
 
 @dataclass(frozen=True)
 class _Part:
-    """Part of a file: its name, its first row, and what to state of the file's other lines."""
+    """Part of a file: its name, the part of it within its table, its first row, and what to state of other lines."""
 
     name: str
+    of_table: str
     first_row: int
     notes: tuple[str, ...]
 
@@ -339,7 +341,7 @@ def _test(
     if not problems:
         problems = list(_doubtful(table, settings.accept))
     if problems:
-        where = [f"{part.name}:"] * bool(part.name)
+        where = [f"{part.of_table}:"] * bool(part.of_table)
         raise FileProblem(str(file), [*(" ".join((*where, one)) for one in problems), f"(read as {opened.read_as})"])
     assumed_A = nominal_A if "commanded_current" not in table else np.nan
     time_s = table["time"]
