@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.recording.quality.verdict import Kind, Reason, Section, invalid, stored
 from rig.signals.arrays import FloatArray
@@ -42,6 +43,11 @@ class Window:
     begin_s: float
     end_s: float
     evaluated_s: tuple[float, float]
+
+    def evaluates(self, time_s: FloatArray) -> NDArray[np.bool_]:
+        """Which times (n,), s, lie in the evaluated part."""
+        first_s, last_s = self.evaluated_s
+        return np.asarray((time_s >= first_s) & (time_s <= last_s), np.bool_)
 
 
 @dataclass(frozen=True)
@@ -152,17 +158,16 @@ def tracking_of(point: TestPoint, alignment: Alignment, seen: Overview) -> Track
     known = np.isfinite(measured)
     if len(target) != len(elapsed_s) or np.count_nonzero(known) < 2:
         return None
-    inside = (window.begin_s + elapsed_s >= window.evaluated_s[0]) & (
-        window.begin_s + elapsed_s <= window.evaluated_s[1]
-    )
+    at_s = window.begin_s + elapsed_s
+    inside = window.evaluates(at_s)
     if np.count_nonzero(inside) < 2:
         return None
     played_s = min(point.record.duration_s, float(elapsed_s[-1]))
-    at_s, offset = window.begin_s + elapsed_s[inside], point.centre_m
+    offset = point.centre_m
     if of_force:
-        evaluated = known & (seen.time_s >= window.evaluated_s[0]) & (seen.time_s <= window.evaluated_s[1])
+        evaluated = known & window.evaluates(seen.time_s)
         offset = float(np.mean(measured[evaluated])) - float(np.mean(target[inside])) if evaluated.any() else 0.0
-    compared = following(seen.time_s[known], measured[known], at_s, target[inside] + offset)
+    compared = following(seen.time_s[known], measured[known], at_s[inside], target[inside] + offset)
     mean_m, mean_N = (None, offset) if of_force else (compared.mean, None)
     return Tracking(window, played_s, compared.nrms, compared.delay_s, compared.reached, mean_m, mean_N)
 
@@ -244,10 +249,11 @@ def tracking_reasons(
     if tracking.nrms <= allowed:
         return []
     limits = f"limit {100 * TRACKING_INVALID:g} %" if tolerance is None else f"tolerance {100 * tolerance:g} %"
+    follower = "force" if point.record.of_force else "rod"
     text = (
-        f"RMS tracking error of the {'force' if point.record.of_force else 'rod'}: {100 * tracking.nrms:.3g} % of the "
-        f"target, after correction for a delay of {1e3 * tracking.delay_s:.3g} ms ({limits}); the "
-        f"{'force' if point.record.of_force else 'rod'} reached {100 * tracking.reached:.3g} % of the span"
+        f"RMS tracking error of the {follower}: {100 * tracking.nrms:.3g} % of the target, after correction for a "
+        f"delay of {1e3 * tracking.delay_s:.3g} ms ({limits}); the {follower} reached {100 * tracking.reached:.3g} % "
+        "of the span"
     )
     kind = Kind.INVALID if tracking.nrms > TRACKING_INVALID else Kind.SUSPECT
     return [Reason("tracking", kind, text, {"nrms": tracking.nrms, "delay_s": tracking.delay_s})]
