@@ -25,6 +25,8 @@ from rig.cli.main import cli as rig
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("rig", "drivers", "protocols", "simulators")
 FEWEST_WORDS = 4
+FOR_MACHINES = re.compile(r"(?:SELECT|INSERT|DELETE|UPDATE|CREATE|PRAGMA)\b|.*'none'", re.DOTALL)
+"""SQL and the header of a page's security policy, which are not language."""
 WORD = re.compile(r"[(\"']?[A-Za-z][A-Za-z'-]*[)\"'.,:;?!]*")
 
 
@@ -32,7 +34,7 @@ def worth_rating(text: str) -> bool:
     """Whether a text is language rather than a name, a pattern or a number."""
     parts = re.sub(r"`[^`]*`", "", text).split()
     words = sum(WORD.fullmatch(part) is not None for part in parts)
-    return words >= FEWEST_WORDS and words > len(parts) / 2
+    return words >= FEWEST_WORDS and words > len(parts) / 2 and not FOR_MACHINES.match(text)
 
 
 def split(text: str) -> Iterator[str]:
