@@ -9,12 +9,13 @@ Every number inside the program, in recordings and in JSON is SI, with extension
     Axis(shown.force.title("Force"), shown.force.unit)
     shown.force.signed(force_N)             # an array for that axis
 
-Without `[display]`, everything is shown as N, mm, m/s and degC with rebound (extension) positive.
+Without `[display]`, everything is shown as N, mm, m/s, degC and J with rebound (extension) positive.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
@@ -34,9 +35,12 @@ def _units(dimension: str) -> tuple[str, ...]:
     return tuple(name for name, unit in UNITS.items() if unit.dimension == dimension)
 
 
-FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS = map(_units, ("force", "length", "speed", "temperature"))
+FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, ENERGY_UNITS = map(
+    _units, ("force", "length", "speed", "temperature", "energy")
+)
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "force": FORCE_UNITS, "displacement": LENGTH_UNITS, "speed": SPEED_UNITS, "temperature": TEMPERATURE_UNITS,
+    "energy": ENERGY_UNITS,
     "positive": get_args(Positive), "paper": get_args(Paper),
 }
 """Entry of `[display]` -> the values that it may have."""
@@ -48,6 +52,10 @@ def spelt(value: object) -> Any:  # noqa: ANN401 - what a file has, a text in mo
         return value
     sizes = {size.casefold(): size for size in get_args(Paper)}
     return sizes.get(value.strip().casefold()) or symbol(value.strip())
+
+
+_SPEED = re.compile(r" ([0-9.e+-]+) m/s ")
+"""A speed in a description of a point."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +122,7 @@ class Display:
     temperature_unit: str = "degC"
     positive: Positive = "rebound"
     paper: Paper = "A4"
+    energy_unit: str = "J"
 
     @classmethod
     def of(cls, *tables: Mapping[str, Any]) -> Display:
@@ -156,6 +165,11 @@ class Display:
         return Shown(self.temperature_unit, unit.scale, unit.offset)
 
     @property
+    def energy(self) -> Shown:
+        """Energies, such as that of a cycle; they have no direction."""
+        return Shown(self.energy_unit, UNITS[self.energy_unit].scale)
+
+    @property
     def damping(self) -> Shown:
         """Force over speed, in the display's own units: "N s/m", "lbf s/in"; no direction."""
         force, speed = self.force, self.speed
@@ -170,15 +184,16 @@ class Display:
         return Shown(f"{length}/s^2", UNITS[self.speed_unit].scale) if time == "s" else Shown("m/s^2", 1.0)
 
     def described(self, text: str, amplitude_m: float) -> str:
-        """A point's `described`, which is in SI units, with its amplitude (m) in the unit of this display.
+        """A point's `described`, which is in SI units, with its amplitude (m) and speed in the units of this display.
 
         For readers of results, which have no test point: a test point has its own phrase.
         """
         for digits in (4, 3):
             size = f" {SI.displacement.text(amplitude_m, digits)} "
             if size in text:
-                return text.replace(size, f" {self.displacement.text(amplitude_m, digits)} ", 1)
-        return text
+                text = text.replace(size, f" {self.displacement.text(amplitude_m, digits)} ", 1)
+                break
+        return _SPEED.sub(lambda speed: f" {self.speed.text(float(speed[1]))} ", text, count=1)
 
     @property
     def usual(self) -> bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from rig.display import SI, Display
 from rig.signals.program_cycles import RepeatedProgram
 from rig.signals.record import Record, RecordFacts
-from rig.signals.waveform import Waveform, waveform_named
+from rig.signals.waveform import WAVEFORMS, Waveform, waveform_named
 
 LOOP, FRICTION, CURRENT_STEP, HYBRID, SIGNAL = "loop", "friction", "current_step", "hybrid", "signal"
 RESPONSE = "response"
@@ -56,6 +56,30 @@ class EnduranceStep(NamedTuple):
     program_cycles: int = 0
 
 
+def peak_speed_m_s(waveform: str, amplitude_m: float, frequency_Hz: float) -> float:
+    """Peak speed of a cyclic motion, m/s.
+
+    Raises:
+        UnknownWaveform: there is no such waveform.
+    """
+    return waveform_named(waveform).peak_velocity * amplitude_m * frequency_Hz
+
+
+def rate_text(waveform: str, amplitude_m: float, frequency_Hz: float, shown: Display, *, by_speed: bool) -> str:
+    """The rate of a cyclic motion as every screen, page and report states it: its frequency or its peak speed.
+
+    Args:
+        waveform: its name.
+        amplitude_m: amplitude, m.
+        frequency_Hz: frequency, Hz.
+        shown: units of the speed.
+        by_speed: the motion is stated by its speed.
+    """
+    if by_speed and waveform in WAVEFORMS:
+        return shown.speed.text(peak_speed_m_s(waveform, amplitude_m, frequency_Hz))
+    return f"{frequency_Hz:.4g} Hz"
+
+
 @dataclass(frozen=True)
 class TestPoint:
     """A waveform about a centre at a constant or stepped coil current, or current steps while the rod is at rest.
@@ -82,7 +106,7 @@ class TestPoint:
         target: what the rod is to follow where `record` is the iterated command for it; not recorded.
         forecast: peaks of a hybrid test; not recorded.
         endurance: position in an endurance test; None of a point outside one, and of the points before its first cycle.
-        by_speed: whether the matrix states a speed at this amplitude, so that the frequency follows; not recorded.
+        by_speed: whether the matrix states a speed at this amplitude, so that the frequency follows.
         compensator: leads the set-points of a hybrid test; not recorded.
     """
 
@@ -231,6 +255,10 @@ class TestPoint:
         named = name if self.record.name in {"", name} else f"{name} {self.record.name}"
         return f"{named} (force)" if self.record.of_force else named
 
+    def rate(self, shown: Display) -> str:
+        """How fast the motion is, in the terms of the matrix: "1.5 Hz", of a point stated by its speed "0.131 m/s"."""
+        return rate_text(self.waveform, self.amplitude_m, self.frequency_Hz, shown, by_speed=self.by_speed)
+
     @property
     def described(self) -> str:
         """In one phrase, in SI units: "sine 50 mm 1.5 Hz 1 A"; of what does not repeat itself, how far and how long."""
@@ -245,7 +273,7 @@ class TestPoint:
             current = f"{min(self.steps_A):.3g} to {max(self.steps_A):.3g} A"
         if self.has_frequency:
             size = shown.displacement.text(self.amplitude_m)
-            return f"{self.motion} {size} {self.frequency_Hz:.4g} Hz {current}"
+            return f"{self.motion} {size} {self.rate(shown)} {current}"
         if self.current_by_law:
             current = f"up to {current} by {self.law}"
         size = shown.displacement.text(self.amplitude_m, 3)

@@ -77,7 +77,9 @@ UNITS = {
     "H": Unit("inductance", 1.0), "mH": Unit("inductance", 1e-3), "uH": Unit("inductance", 1e-6),
     "A/s": Unit("current rate", 1.0), "A/ms": Unit("current rate", 1e3), "mA/ms": Unit("current rate", 1.0),
     "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3), "lbm": Unit("mass", wire_units.POUND_KG),
-    "J": Unit("energy", 1.0), "kJ": Unit("energy", 1e3), "MJ": Unit("energy", 1e6),
+    "J": Unit("energy", 1.0), "mJ": Unit("energy", 1e-3), "kJ": Unit("energy", 1e3), "MJ": Unit("energy", 1e6),
+    "ft lbf": Unit("energy", wire_units.FOOT_M * wire_units.POUND_FORCE_N),
+    "in lbf": Unit("energy", wire_units.INCH_M * wire_units.POUND_FORCE_N),
     "J/K": Unit("heat capacity", 1.0), "kJ/K": Unit("heat capacity", 1e3), "W/K": Unit("heat loss", 1.0),
     "%": Unit("ratio", 1e-2),
     "N/m": Unit("stiffness", 1.0), "N/mm": Unit("stiffness", 1e3), "kN/mm": Unit("stiffness", 1e6),
@@ -90,6 +92,11 @@ UNITS = {
 # Other spellings of the same units.
 ALIASES = {
     **{name: unit for name, unit in wire_units.ALIASES.items() if unit in UNITS},
+    **{spelt: f"{length} lbf" for length in ("ft", "in") for spelt in (
+        f"{length}-lbf", f"{length}*lbf", f"{length}.lbf", f"{length}·lbf", f"lbf {length}", f"lbf-{length}",
+        f"{length} lb", f"{length}-lb", f"{length} lbs",
+    )},
+    "N m": "J", "Nm": "J", "N*m": "J",
     "°C": "degC", "°F": "degF", "Ω": "ohm", "mΩ": "mohm", "kΩ": "kohm",
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Force over velocity at the end of a run, as damper dynamometers print it: a row for each current and velocity."""
+"""Force over velocity as dynamometers print it, after a run, import or report: a row for each current and speed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 from rig.campaign_folder import CampaignFolder
 from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceTable
+from rig.cli.output import show
 from rig.document.blocks import Blocks, Column, Paragraph, table
 from rig.signals.rounding import rounded
 from rig.text_file import read_json
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from rich.console import Console
 
     from rig.display import Display, Shown
 
@@ -28,6 +31,16 @@ def recorded_tables(run: Path) -> tuple[ForceTable, ...]:
         FileProblem: `characteristics.json` is damaged.
     """
     return tuple(map(ForceTable.from_json, read_json(CampaignFolder(run).characteristics).get("force_tables", [])))
+
+
+def show_recorded_tables(run: Path, shown: Console) -> None:
+    """Print the tables that were written with a run's report, in its units."""
+    from rig.files.run_display import run_display  # loads pydantic
+
+    if tables := recorded_tables(run):
+        shown.print()
+        show(force_blocks(tables, run_display(run)), shown)
+        shown.print()
 
 
 def force_blocks(tables: Sequence[ForceTable], shown: Display) -> Blocks:

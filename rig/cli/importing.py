@@ -12,13 +12,14 @@ import click
 from click.core import ParameterSource
 
 from rig.cli.options import Command, QuantityOption, RunPath, json_option, out_option
-from rig.cli.output import console, say, shown_path, status_line, write_json
+from rig.cli.output import console, say, show, shown_path, status_line, write_json
 from rig.display import Positive
-from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_USAGE, FileProblem
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_USAGE, FileProblem, RigError
 from rig.recording.run import Run
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
 if TYPE_CHECKING:
+    from rig.characteristics.force_table import ForceTable
     from rig.recording.external_tests import ImportedTest
     from rig.recording.quality.point_quality import RecordQuality
     from rig.recording.quality.verdict import Section
@@ -112,7 +113,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--like", "like", type=RunPath(), metavar="RUN",
-    help="Reuse the options of this imported run (columns, units, scales, layout), except --current and --specimen. "
+    help="Reuse the options of this imported run (columns, units, scales, layout), except --current, --specimen and "
+        "--date. "
         "Options given here take precedence. Differences between the files are shown. A file is rejected if its units "
         "or factors contradict the options.",
 )
@@ -177,14 +179,17 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 @click.option("--details", type=click.Path(path_type=Path), metavar="FILE",
               help="TOML file with a [display] table (units, signs) and a [report] table (customer, ...) for all "
                   "reports of the run.")
+@click.option("--date", metavar="DATE",
+              help="Date of the tests, such as 2026-03-05 or '2026-03-05 14:30' (local time), for the report and the "
+                  "lists of runs.")
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Value of the displacement column at mid-stroke.")
 @out_option
 @json_option
 @click.pass_context
 def command(
-    ctx: click.Context, /, files: tuple[Path, ...], like: Path | None, specimen: str, details: Path | None,
-    dry_run: bool, out: Path, as_json: bool, **options: Any,  # noqa: ANN401 - one for each field of the import's settings
+    ctx: click.Context, /, files: tuple[Path, ...], like: Path | None, specimen: str, date: str | None,
+    details: Path | None, dry_run: bool, out: Path, as_json: bool, **options: Any,  # noqa: ANN401 - one for each field of the import's settings
 ) -> int:
     """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
 
@@ -195,10 +200,13 @@ def command(
     from rig.recording.imported_signs import convention, doubtful_signs, signed_loops
     from rig.recording.importing import Described, details_files, read_like, write_run
     from rig.recording.motion_parts import every_part
+    from rig.recording.tested_on import tested_on
 
     given = _given(ctx, options)
     if details is not None:
         details_files(details)  # a wrong entry is reported before the files are read
+    if date is not None:
+        tested_on(date)  # the same
     try:
         with status_line(console(as_json=True), f"reading {len(files)} file{'s' * (len(files) > 1)}"):
             tests, preset, differences = read_like(files, given, like)
@@ -230,7 +238,7 @@ def command(
                        "motion": part.number or None, "start_s": part.start_s} for part in parts]  # fmt: skip
             write_json({"campaign": None, "points": listed, "total": len(parts), **compared})
         return EXIT_DONE
-    described = Described.of(preset, specimen, differences, details)
+    described = Described.of(preset, specimen, differences, details, date)
     with status_line(console(as_json=True), f"checking and writing {len(tests)} test{'s' * (len(tests) > 1)}"):
         folder = write_run(tests, out, described)
     return _show(folder, as_json, compared)
@@ -305,6 +313,7 @@ def _as_typed(files: Sequence[Path]) -> str:
 
 def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
     run = Run.open(folder)
+    tables = _force_tables(run)
     valid = sum(point.verdict == "valid" for point in run.points)
     if as_json:
         points = [
@@ -315,10 +324,11 @@ def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
             for point in run.points
         ]  # fmt: skip
         write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points),
-                    **compared})  # fmt: skip
+                    "force_tables": [one.to_json() for one in tables], **compared})  # fmt: skip
     else:
-        # loads pyserial and pydantic: not needed for the help
+        # load numba, pyserial and pydantic: not needed for the help
         from rig.cli.display import described
+        from rig.cli.force_tables import force_blocks
 
         shown = console()
         for point in run.points:
@@ -327,8 +337,22 @@ def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
             shown.print(line, markup=False, soft_wrap=True)
             if point.quality.record is not None and (use := _use(point.quality.record)):
                 shown.print(f"  {use}", markup=False, soft_wrap=True)
+        if tables:
+            shown.print()
+            show(force_blocks(tables, run.display), shown)
+            shown.print()
         say(shown_path(folder))
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID
+
+
+def _force_tables(run: Run) -> Sequence[ForceTable]:
+    """Force over velocity of the loops; empty where nothing was measured that can be evaluated."""
+    from rig.characteristics import characterise  # loads numba: not needed for the help
+
+    try:
+        return characterise(run).force_tables
+    except RigError:  # `rig report` states it; the tests were imported all the same
+        return ()
 
 
 def _values(section: Section | None) -> dict[str, object] | None:

@@ -8,7 +8,7 @@ import click
 
 from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, run_argument
-from rig.cli.output import say, shown_path, write_json, write_pdf
+from rig.cli.output import console, say, shown_path, write_json, write_pdf
 from rig.errors import EXIT_DONE
 from rig.text_file import read_json
 
@@ -28,9 +28,10 @@ from rig.text_file import read_json
                   "and with a [display] table (units, signs).")
 @json_option
 def command(run: Path, on_paper: bool, summary: bool, details: Path | None, as_json: bool) -> int:
-    """Write report.html for RUN (a campaign folder) as one self-contained file."""
+    """Write report.html for RUN (a campaign folder) as one self-contained file, and show its table of forces."""
     _check_summary(summary, on_paper=on_paper)
-    # loads numba and numpy: not needed for the help
+    # load numba and numpy: not needed for the help
+    from rig.cli.force_tables import show_recorded_tables
     from rig.matrix.report_table import load_details
     from rig.report.document import written_report
 
@@ -42,6 +43,7 @@ def command(run: Path, on_paper: bool, summary: bool, details: Path | None, as_j
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
         write_json({**answer, "characteristics": characteristics})
     else:
+        show_recorded_tables(path.parent, console())
         say(shown_path(path))
         if paper is not None:
             say(shown_path(paper))

@@ -115,6 +115,7 @@ def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
     from rig.recording.endurance import withdrawn_points  # loads numpy
     from rig.recording.run import Run, planned_points, read_campaign  # the same
+    from rig.recording.tested_on import when_tested  # the same
 
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
@@ -125,7 +126,7 @@ def _summary(place: Path) -> dict[str, Any]:
         summary["unfinished"] = len(unfinished(CampaignFolder(place).points))
         campaign = read_campaign(place)
         summary["specimen"] = str(campaign.get("specimen", ""))
-        summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
+        summary["started"] = when_tested(campaign)
         summary["planned"] = len(set(planned_points(campaign)) - withdrawn_points(place))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # it is the remark

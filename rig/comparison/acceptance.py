@@ -306,6 +306,7 @@ def _changed(
         before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell,
         moved=None if value.loop is None or loop is None else transfer(
             QUANTITIES[key], loop.motion, value.loop.motion),
+        of_band=True,
     )  # fmt: skip
     if known is not None and not math.isfinite(known.percent):
         why = "the value of the first run does not differ significantly from 0, so a relative change is undefined"

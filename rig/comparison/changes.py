@@ -20,9 +20,10 @@ class Change:
     """Difference to the first run's reading (SI), its standard uncertainty, both also in % of the first value.
 
     The percentage has the first value's sign: more force in compression, which is negative, is a positive change. It is
-    NaN where the first value is not significantly different from zero. Both uncertainties are widened by Student's t
-    where the scatter is known from few cycles, so that twice either is an interval of 95 %. `correction_percent` is by
-    how much the later value was corrected to the first one's motion.
+    NaN where it would mislead: the first value is not significantly different from zero, the sign changes, or a value
+    is `small`. Both uncertainties are widened by Student's t where the scatter is known from few cycles, so that twice
+    either is an interval of 95 %. `correction_percent` is by how much the later value was corrected to the first one's
+    motion.
     """
 
     value: float
@@ -76,7 +77,9 @@ def transfer(quantity: Quantity, before: Motion, after: Motion) -> Transfer:
     return Transfer(math.exp(by_amplitude * amplitude + by_frequency * frequency), std)
 
 
-def change(before: Reading, after: Reading, *, same_gauge: bool, moved: Transfer | None = None) -> Change:
+def change(
+    before: Reading, after: Reading, *, same_gauge: bool, moved: Transfer | None = None, of_band: bool = False
+) -> Change:
     """From one reading to another.
 
     Args:
@@ -84,6 +87,7 @@ def change(before: Reading, after: Reading, *, same_gauge: bool, moved: Transfer
         after: the later run's.
         same_gauge: one load cell with one calibration measured both: its error is in both and takes itself out.
         moved: brings the later value to the first one's motion; None where both have one motion.
+        of_band: the percentage is for a band in %, so that a large one is an answer although it would mislead a reader.
     """
     moved = moved or Transfer()
     later = moved.factor * after.value
@@ -94,8 +98,10 @@ def change(before: Reading, after: Reading, *, same_gauge: bool, moved: Transfer
         calibrations = [part for part in (before.calibration, after.calibration) if math.isfinite(part)]
     std = math.hypot(before.std, *of_later, *calibrations)
     wider = widening(_freedom(std, ((before.std, before.freedom), (of_later[0], after.freedom))))
-    scale = 100.0 / before.value if before.significant else math.nan
-    ratio = later / before.value if before.significant else math.nan
+    misleading = before.value * later <= 0.0 or before.small or after.small
+    relative = before.significant and (of_band or not misleading)
+    scale = 100.0 / before.value if relative else math.nan
+    ratio = later / before.value if relative else math.nan
     percent_std = abs(scale) * math.hypot(*of_later, ratio * before.std, *calibrations)
     return Change(value, wider * std, scale * value, wider * percent_std, 100.0 * (moved.factor - 1.0))
 
@@ -113,6 +119,7 @@ class ChangeSummary:
     Attributes:
         tests: number of motions.
         differ: those whose change is more than its expanded uncertainty.
+        absolute: those without a relative change; the median does not include them.
         median_percent: median of the relative changes; NaN without any.
         largest: the largest relative change; without any, the largest absolute one.
         at: its motion.
@@ -122,6 +129,7 @@ class ChangeSummary:
 
     tests: int
     differ: int
+    absolute: int
     median_percent: float
     largest: Change
     at: Motion
@@ -131,7 +139,7 @@ class ChangeSummary:
         """Plain types; the keys are in `docs/json.md`."""
         known = math.isfinite(self.largest.percent)
         return {
-            "tests": self.tests, "differ": self.differ,
+            "tests": self.tests, "differ": self.differ, "absolute": self.absolute,
             "median_percent": self.median_percent if math.isfinite(self.median_percent) else None,
             "largest_percent": self.largest.percent if known else None, "largest": self.largest.value,
             "at": self.at.label,
@@ -150,7 +158,8 @@ def summarised(changes: list[tuple[Motion, Change]]) -> ChangeSummary | None:
         (at, largest), median = _largest(changes), math.nan
     differing = [(motion, one) for motion, one in changes if one.differs]
     significant = _largest(differing) if differing else None
-    return ChangeSummary(len(changes), len(differing), median, largest, at, significant)
+    absolute = len(changes) - len(relative)
+    return ChangeSummary(len(changes), len(differing), absolute, median, largest, at, significant)
 
 
 def _largest(changes: Sequence[tuple[Motion, Change]]) -> tuple[Motion, Change]:

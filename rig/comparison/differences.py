@@ -109,7 +109,7 @@ class Comparison:
         lines = []
         if len(self.runs) > 1 and not any(all(row.loops) for row in self.rows):
             lines.append("the runs have no cyclic motion in common")
-        lines += [*self._corrected(), *self._near()]
+        lines += [*self._corrected(), *self._near(), *self._without_percentage()]
         if len({run.load_cell for run in self.runs if run.load_cell}) > 1:
             lines.append(
                 "different load cells or sensitivities were used: the uncertainty of their calibrations is included "
@@ -163,6 +163,18 @@ class Comparison:
                     "changes are corrected to the first run's motion (forces with speed^0.5), and the uncertainty of "
                     "the correction is included"
                 )
+
+    def _without_percentage(self) -> Iterator[str]:
+        """Forces whose changes are stated in the unit of the force."""
+        for index, run in enumerate(self.runs[1:], start=1):
+            for quantity in LOOP_QUANTITIES:
+                summary = self.summary(index, quantity.key)
+                if summary is not None and summary.absolute and quantity.unit == "N":
+                    yield (
+                        f"{run.name}: {summary.absolute} of {summary.tests} changes of the {quantity.name} are stated "
+                        f"in {self.display.force.unit} and not included in the median of the relative changes, because "
+                        "the force is near zero or smaller than the gas force, or its sign changes"
+                    )
 
     def _near(self) -> Iterator[str]:
         """Motions without a counterpart; of those that have one nearby how far it is: too far for a correction."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -33,7 +33,7 @@ from rig.signals.test_set import (
     same_current,
     same_motion,
 )
-from rig.test_point import LOOP, TestPoint
+from rig.test_point import LOOP, TestPoint, rate_text
 
 COVERAGE = 2.0
 """Expanded uncertainties are so many standard ones: about 95 %."""
@@ -68,6 +68,8 @@ class Quantity:
         if self.unit == "N":
             force = display.force
             return replace(force, positive="rebound") if self.key == "friction_force" else force
+        if self.key == "energy":
+            return display.energy
         return display.damping if self.key == "damping" else plain(self.unit)
 
 
@@ -95,7 +97,8 @@ class Reading:
 
     `freedom` is the number of degrees of freedom from which `std` is known: three cycles leave two, and an interval of
     twice such a standard uncertainty holds 82 %, not 95 %. `near_zero` is the size below which the value is near zero
-    relative to others of its test.
+    relative to others of its test. `gas_force` is the size of the static gas force (N) that a force at a speed
+    includes; 0 if it was not measured.
     """
 
     value: float
@@ -103,12 +106,22 @@ class Reading:
     calibration: float = 0.0
     near_zero: float = 0.0
     freedom: float = math.inf
+    gas_force: float = 0.0
 
     @property
     def significant(self) -> bool:
         """Whether it differs from zero by enough for a relative change to have a meaning."""
         scatter = COVERAGE * widening(self.freedom) * self.std if math.isfinite(self.std) else 0.0
         return abs(self.value) > max(scatter, self.near_zero)
+
+    @property
+    def small(self) -> bool:
+        """Whether a relative change would say little: near zero, or a force of which the gas force is the larger part.
+
+        Where the damping force hardly exceeds the gas force, a small change of the damping force is a large share of
+        their difference.
+        """
+        return abs(self.value) <= max(self.near_zero, self.gas_force)
 
     @property
     def expanded(self) -> float:
@@ -135,6 +148,7 @@ class Motion:
         waveform, amplitude_m, frequency_Hz, current_A: what the motion and the current are called.
         read: what is known of the motion.
         current: what is known of the current; None where it changes.
+        by_speed: whether the matrix states its speed.
     """
 
     waveform: str
@@ -143,21 +157,25 @@ class Motion:
     current_A: float
     read: MotionReading
     current: CurrentReading | None
+    by_speed: bool = field(default=False, compare=False)
 
     @classmethod
-    def of(cls, read: MotionReading, current: CurrentReading | None, current_A: float) -> Motion:
+    def of(
+        cls, read: MotionReading, current: CurrentReading | None, current_A: float, *, by_speed: bool = False
+    ) -> Motion:
         """From what is known of both; `current_A` is what the current is called."""
-        return cls(read.waveform, *read.nominal, current_A, read, current)
+        return cls(read.waveform, *read.nominal, current_A, read, current, by_speed)
 
     @property
     def label(self) -> str:
-        """In one phrase, in SI units: "sine, 50 mm, 1 Hz, 0.5 A"."""
-        return self.phrase(SI)
+        """In one phrase, in SI units and by its frequency, as JSON states it: "sine, 50 mm, 1 Hz, 0.5 A"."""
+        return replace(self, by_speed=False).phrase(SI)
 
     def phrase(self, shown: Display) -> str:
-        """`label` in the units of a display."""
+        """In one phrase, in the units of a display and the terms of the matrix: "sine, 50 mm, 0.131 m/s, 0.5 A"."""
+        rate = rate_text(self.waveform, self.amplitude_m, self.frequency_Hz, shown, by_speed=self.by_speed)
         return (
-            f"{self.waveform}, {shown.displacement.text(self.amplitude_m)}, {self.frequency_Hz:.4g} Hz, "
+            f"{self.waveform}, {shown.displacement.text(self.amplitude_m)}, {rate}, "
             f"{round(self.current_A, 4) + 0.0:.4g} A"
         )
 
@@ -286,11 +304,13 @@ def readings_of(run: Run, characteristics: Characteristics | None = None) -> Run
     points = {point.id: point for point in run.valid}
     model, parameters = fitted_of(run)
     first = next(iter(run.points))
-    loops = _loops(characteristics, points)
+    singles = _singles(characteristics, points)
+    gas = singles.get("gas_force")
+    loops = _loops(characteristics, points, 0.0 if gas is None else abs(gas.value))
     missing, absent = tuple(_missing(run, loops)), _not_recorded(run)
     others = [line for line in characteristics.left_out if not line.endswith(": invalid")]  # the run has said why
     return RunReadings(
-        run, _specimen(run), loops, _singles(characteristics, points), model, parameters,
+        run, _specimen(run), loops, singles, model, parameters,
         _load_cell(first), tuple(dict.fromkeys((*run.left_out, *others))),
         missing, absent, _planned(run, absent, (*loops, *missing)),
     )
@@ -311,7 +331,8 @@ def _motion_of(point: RecordedPoint) -> Motion:
     nominal = (point.amplitude_m, point.frequency_Hz)
     read = MotionReading(point.waveform, *nominal, requested=nominal if point.motion_requested else None)
     requested_A = point.current_A if point.current_requested else math.nan
-    return Motion.of(read, CurrentReading(point.current_A, requested_A=requested_A), point.current_A)
+    current = CurrentReading(point.current_A, requested_A=requested_A)
+    return Motion.of(read, current, point.current_A, by_speed=point.by_speed)
 
 
 def _not_recorded(run: Run) -> tuple[str, ...]:
@@ -325,7 +346,8 @@ def planned_loop(point: TestPoint) -> LoopReading:
     nominal = point.amplitude_m, point.frequency_Hz
     read = MotionReading(point.waveform, *nominal, requested=nominal)
     current = CurrentReading(point.current_A, requested_A=point.current_A)
-    return LoopReading(Motion.of(read, current, point.current_A), (point.id,), point.peak_speed_m_s, {})
+    motion = Motion.of(read, current, point.current_A, by_speed=point.by_speed)
+    return LoopReading(motion, (point.id,), point.peak_speed_m_s, {})
 
 
 def _planned(run: Run, absent: Sequence[str], recorded: Sequence[LoopReading]) -> tuple[LoopReading, ...] | None:
@@ -342,25 +364,29 @@ def _planned(run: Run, absent: Sequence[str], recorded: Sequence[LoopReading]) -
     return tuple(loop for loop in loops if not any(loop.motion.same_as(other.motion) for other in recorded))
 
 
-def _loops(characteristics: Characteristics, points: Mapping[str, RecordedPoint]) -> tuple[LoopReading, ...]:
+def _loops(
+    characteristics: Characteristics, points: Mapping[str, RecordedPoint], gas_force_N: float
+) -> tuple[LoopReading, ...]:
     ranges = {ratio.id: Measured(ratio.rebound, ratio.std, math.nan) for ratio in characteristics.dynamic_range}
     groups: dict[tuple[object, ...], list[LoopCharacteristics]] = {}
     for loop in characteristics.loops:
         if loop.id in points:
             groups.setdefault((*loop.motion, loop.level_A, loop.current is None), []).append(loop)
-    return tuple(_loop(_common(members), members, points, ranges) for members in groups.values())
+    return tuple(_loop(_common(members, points), members, points, ranges, gas_force_N) for members in groups.values())
 
 
-def _common(members: Sequence[LoopCharacteristics]) -> Motion:
+def _common(members: Sequence[LoopCharacteristics], points: Mapping[str, RecordedPoint]) -> Motion:
     """The motion of repeats."""
     currents = [loop.current for loop in members if loop.current is not None]
     read = mean_motion([loop.motion_read for loop in members])
-    return Motion.of(read, mean_current(currents) if currents else None, members[0].level_A)
+    by_speed = all(points[loop.id].by_speed for loop in members)
+    current = mean_current(currents) if currents else None
+    return Motion.of(read, current, members[0].level_A, by_speed=by_speed)
 
 
 def _loop(
     motion: Motion, members: Sequence[LoopCharacteristics], points: Mapping[str, RecordedPoint],
-    ranges: Mapping[str, Measured],
+    ranges: Mapping[str, Measured], gas_force_N: float,
 ) -> LoopReading:
     unknown = Measured(math.nan, math.nan, math.nan)
     values = {}
@@ -378,7 +404,8 @@ def _loop(
             freedom = sum(loop.cycles for loop in members) - 1
             calibration = abs(reading.value) * percent / 100.0
             values[quantity.key] = Reading(reading.value, reading.std, calibration, freedom=freedom)
-    values |= _beside({key: values[key] for key in ("rebound_force", "jounce_force") if key in values})
+    forces = _beside({key: values[key] for key in ("rebound_force", "jounce_force") if key in values})
+    values |= {key: replace(force, gas_force=gas_force_N) for key, force in forces.items()}
     speed_m_s = float(np.mean([loop.peak_speed_m_s for loop in members]))
     return LoopReading(motion, tuple(loop.id for loop in members), speed_m_s, values)
 

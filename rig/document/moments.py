@@ -9,7 +9,7 @@ def local_time(stamp: object, *, zone: bool = True, seconds: bool = True) -> str
     """`2026-11-27 14:10:30 UTC+01:00` from an ISO 8601 stamp, in the time zone of this computer.
 
     Args:
-        stamp: the stamp; what is no stamp is returned as text.
+        stamp: the stamp; what is no stamp, and a date without a time, is returned as text.
         zone: whether the zone is stated; without it, state it once with `zone_of`.
         seconds: whether seconds are stated.
     """
@@ -30,7 +30,9 @@ def zone_of(stamp: object) -> str:
 
 
 def _moment(stamp: object) -> datetime | None:
-    """A stamp in local time; one without a zone is UTC."""
+    """A stamp in local time; one without a zone is UTC. None of a date, which is the same in every zone."""
+    if len(str(stamp)) == len("2026-11-27"):
+        return None
     try:
         at = datetime.fromisoformat(str(stamp))
         return (at if at.tzinfo else at.replace(tzinfo=UTC)).astimezone()

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.export.point_tables import described
+from rig.extras import how_to_install
 from rig.recording.atomic_write import write_durably
 from rig.recording.file_formats.column_files import UDUNITS
 from rig.recording.file_formats.rpc3_file import Rpc3Channel, encoded
-from rig.recording.file_formats.table_file import INSTALL_FILES
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
@@ -132,7 +132,7 @@ def _parquet(point: RecordedPoint) -> bytes:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise FileProblem("parquet", [f"pyarrow is not installed. Fix: {INSTALL_FILES}"]) from error
+        raise FileProblem("parquet", [f"pyarrow is not installed. Fix: {how_to_install('files')}"]) from error
     channels = _recorded(point)
     fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": UNITS[name]}) for name in channels]
     metadata = {name: _text(value) for name, value in described(point).items()}
@@ -146,7 +146,7 @@ def _mf4(point: RecordedPoint) -> bytes:
     try:
         from asammdf import MDF, Signal
     except ImportError as error:
-        raise FileProblem("mf4", [f"asammdf is not installed. Fix: {INSTALL_FILES}"]) from error
+        raise FileProblem("mf4", [f"asammdf is not installed. Fix: {how_to_install('files')}"]) from error
     channels, content = _recorded(point), io.BytesIO()
     time_s = channels.pop("time_s", np.zeros(0))
     with MDF(version="4.10") as file:

@@ -6,13 +6,24 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from rig.display import FORCE_UNITS, LENGTH_UNITS, SPEED_UNITS, TEMPERATURE_UNITS, Display, Paper, Positive, spelt
+from rig.display import (
+    ENERGY_UNITS,
+    FORCE_UNITS,
+    LENGTH_UNITS,
+    SPEED_UNITS,
+    TEMPERATURE_UNITS,
+    Display,
+    Paper,
+    Positive,
+    spelt,
+)
 from rig.files.section import Section
 
 ForceUnit = Literal[FORCE_UNITS]  # type: ignore[valid-type]  # one list serves the schema and the message
 LengthUnit = Literal[LENGTH_UNITS]  # type: ignore[valid-type]  # the same
 SpeedUnit = Literal[SPEED_UNITS]  # type: ignore[valid-type]  # the same
 TemperatureUnit = Literal[TEMPERATURE_UNITS]  # type: ignore[valid-type]  # the same
+EnergyUnit = Literal[ENERGY_UNITS]  # type: ignore[valid-type]  # the same
 
 
 class DisplayTable(Section):
@@ -27,12 +38,13 @@ class DisplayTable(Section):
     )
     speed: SpeedUnit | None = Field(default=None, description="unit of speeds; default: m/s")
     temperature: TemperatureUnit | None = Field(default=None, description="unit of temperatures; default: degC")
+    energy: EnergyUnit | None = Field(default=None, description="unit of energies (per cycle); default: J")
     positive: Positive | None = Field(
         default=None, description="direction in which force, displacement and speed are positive; default: rebound"
     )
     paper: Paper | None = Field(default=None, description="paper size of printed reports and PDF files; default: A4")
 
-    @field_validator("force", "displacement", "speed", "temperature", "paper", mode="before")
+    @field_validator("force", "displacement", "speed", "temperature", "energy", "paper", mode="before")
     @classmethod
     def _spelling(cls, value: object) -> object:
         """Other spellings are accepted, as in quantities."""

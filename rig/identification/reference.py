@@ -25,7 +25,6 @@ from rig.signals.waveform import WAVEFORMS
 if TYPE_CHECKING:
     from sklearn.ensemble import GradientBoostingRegressor
 
-INSTALL = f"not computed: scikit-learn is not installed. Fix: {how_to_install('reference')}"
 MOST_ROWS = 5000  # that the regression learns from
 FEWEST_A_CYCLE = 20
 MOST_FOLDS = 5
@@ -75,7 +74,8 @@ def _regression(
     try:
         from sklearn.ensemble import GradientBoostingRegressor  # noqa: F401 - whether it is there
     except ImportError:
-        return Reference("regression", None, None, INSTALL)
+        why = f"not computed: scikit-learn is not installed. Fix: {how_to_install('reference')}"
+        return Reference("regression", None, None, why)
     if len({test.waveform in WAVEFORMS for test in (*fitted, *held_out)}) > 1:
         return Reference("regression", None, None, "tests with and without cycles cannot be used for training together")
     most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))

@@ -16,6 +16,7 @@ from rig.campaign_folder import CampaignFolder, by_age
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
+from rig.recording.tested_on import when_tested
 from rig.recording.tested_specimens import TESTED, SpecimenVerdict, TestedSpecimen, TestedSpecimens
 from rig.station.live_folder import LOCK, held, read_json
 from rig.text_file import open_regular, stamp
@@ -105,7 +106,7 @@ class History:
         left = total - valid - suspect
         return {
             "name": name, "specimen": _text(described.get("specimen"), 80),
-            "started": _text(described.get("started_utc"), 19), "bench": _text(described.get("bench"), 80),
+            "started": _text(when_tested(described), 19), "bench": _text(described.get("bench"), 80),
             "simulated": simulated, "total": total, "valid": valid, "suspect": suspect,
             "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
             "matrix": _text(described.get("matrix_file"), 120),

@@ -35,6 +35,7 @@ from rig.recording.motion_parts import TestPart, every_part
 from rig.recording.point_attributes import point_fields
 from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, time_quality
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.tested_on import TESTED, tested_on
 from rig.signals.cycles import MeasuredMotion
 from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
@@ -59,6 +60,7 @@ class Described:
         differences: from the files of an earlier import.
         positive: direction in which the displacement column is positive, and thus `mid_stroke_m`.
         details: file with `[report]` and `[display]` that the run keeps; None: none.
+        tested: date or time of the tests (ISO 8601); empty: not known.
     """
 
     waveform: str = SINE.name
@@ -68,15 +70,21 @@ class Described:
     differences: tuple[str, ...] = ()
     positive: Positive = "rebound"
     details: Path | None = None
+    tested: str = ""
 
     @classmethod
     def of(
-        cls, preset: ImportPreset, specimen: str, differences: Sequence[str], details: Path | None = None
+        cls, preset: ImportPreset, specimen: str, differences: Sequence[str], details: Path | None = None,
+        date: str | None = None,
     ) -> Described:
-        """What the options of an import state of its tests."""
+        """What the options of an import state of its tests.
+
+        Raises:
+            FileProblem: `date` is no date, or not one of the past.
+        """
         return cls(
             preset.waveform, specimen, preset.mid_stroke_m, preset, tuple(differences), preset.settings.positive,
-            details,
+            details, "" if date is None else tested_on(date),
         )
 
     @property
@@ -93,7 +101,7 @@ def import_tests(
     dialect: Dialect | None = None, accept: Sequence[str] | None = None, ampere_per_volt: float | None = None,
     scales: Mapping[str, str | float] | None = None, no_value: Sequence[float] | None = None,
     like: Path | str | None = None, positive: Positive | None = None,
-    details: Path | str | None = None,
+    details: Path | str | None = None, date: str | None = None,
 ) -> Path:
     """Make a run from files of other programs, one point for each file or steady motion in it, all or none.
 
@@ -120,6 +128,7 @@ def import_tests(
             `rebound` (extension; also where it is None) or `compression`, for which both signs are inverted. A
             `DataWarning` is issued if the force at the ends of the stroke suggests the other direction.
         details: TOML file with `[report]` and `[display]`, of which the run keeps a copy for its reports.
+        date: of the tests, such as "2026-03-05" or "2026-03-05 14:30" (local time); None: not known.
 
     Returns:
         The run's directory.
@@ -139,7 +148,7 @@ def import_tests(
     for text in doubtful_signs(signed_loops(tests, preset.waveform), preset.settings.positive):
         warnings.warn(text, DataWarning, stacklevel=2)
     return write_run(tests, Path(out), Described.of(
-        preset, specimen, differences, None if details is None else Path(details)
+        preset, specimen, differences, None if details is None else Path(details), date
     ))
 
 
@@ -240,6 +249,8 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], described: Described
         "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
         "columns": {key: choice.text for key, choice in tests[0].choices.items()}, "points": entries,
     }
+    if described.tested:
+        description[TESTED] = described.tested
     options = described.options
     if options is not None:
         description[KEY] = options.to_json()
@@ -347,6 +358,7 @@ def _point_file(name: str, part: TestPart, described: Described) -> PointFile:
             "software": SOFTWARE, "source_file": test.source.name, "source_sha256": test.sha256,
             "imported_utc": utc_now().isoformat(timespec="seconds"),
             "current": _current_source(test), "read_as": test.read_as,
+            **({TESTED: described.tested} if described.tested else {}),
         },
         title=f"Imported test {name}",
     )

@@ -21,6 +21,8 @@ OPTIONAL: Mapping[str, Any] = {
 }
 """Further fields, and their values where a recording does not state them."""
 STEPS, STEP_TIMES, LAW = "steps_A", "steps_s", "law"
+BY_SPEED = "by_speed"
+"""Only of a point that the matrix states by its speed: 1."""
 COMMANDED = {
     "amplitude_m": "commanded_amplitude_m", "centre_m": "commanded_centre_m",
     "amplitude_tolerance": "amplitude_tolerance", "low_degC": "temperature_low_degC",
@@ -37,7 +39,7 @@ ENDURANCE = {name: f"endurance_{name}" for name in EnduranceStep._fields}
 PROGRAM_CYCLES = ENDURANCE["program_cycles"]
 """Only of a block with a current program."""
 NAMES = frozenset({
-    *MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, *COMMANDED.values(), *RECORD.values(), *ENDURANCE.values(),
+    *MOTION, *OPTIONAL, STEPS, STEP_TIMES, LAW, BY_SPEED, *COMMANDED.values(), *RECORD.values(), *ENDURANCE.values(),
 })
 TEXTS = frozenset({
     "id", "waveform", "kind", STEPS, STEP_TIMES, LAW, RECORD["name"], RECORD["sha256"], COMMANDED["iteration"],
@@ -91,6 +93,7 @@ def attributes_of(point: TestPoint, commanded: Commanded) -> dict[str, str | int
         **{name: getattr(point, name) for name in (*MOTION, *OPTIONAL)},
         STEPS: " ".join(f"{step_A:g}" for step_A in point.steps_A),
         STEP_TIMES: " ".join(f"{step_s:.12g}" for step_s in point.steps_s) or None, LAW: point.law or None,
+        BY_SPEED: int(point.by_speed) or None,
         **{attribute: getattr(commanded, name) for name, attribute in COMMANDED.items()},
         **({} if record is None else {attribute: getattr(record, name) for name, attribute in RECORD.items()}),
     }
@@ -115,6 +118,7 @@ def point_fields(attributes: Mapping[str, Any]) -> dict[str, Any]:
     fields = {name: stated[name] for name in MOTION}
     fields |= {name: stated.get(name, absent) for name, absent in OPTIONAL.items()}
     fields[LAW] = stated.get(LAW, "")
+    fields[BY_SPEED] = bool(stated.get(BY_SPEED, 0))
     for name in (STEPS, STEP_TIMES):
         fields[name] = tuple(map(float, str(stated.get(name, "")).split()))
     if RECORD["duration_s"] in stated and RECORD["ramp_s"] in stated:

@@ -25,7 +25,8 @@ from rig.matrix.report_table import ReportTable
 from rig.matrix.sections import Specimen
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_words
-from rig.report.views import AS_AMPLITUDE, MotionTerms, peak_speed_m_s
+from rig.recording.tested_on import TESTED, when_tested
+from rig.report.views import AS_AMPLITUDE, MotionTerms
 from rig.text_file import read_bytes
 
 SEPARATOR = " \N{MIDDLE DOT} "
@@ -93,9 +94,8 @@ def bench_of(run: Run) -> str:
 
 
 def started(run: Run) -> str:
-    """When the run began (ISO 8601); empty where that is not known."""
-    stamps = (run.campaign.get("started_utc"), run.campaign.get("created"),
-              *(point.provenance.get("started_utc") for point in run.points))  # fmt: skip
+    """When the run began or its tests were run (ISO 8601); empty where that is not known."""
+    stamps = (when_tested(run.campaign), *(point.provenance.get("started_utc") for point in run.points))
     return next((str(stamp) for stamp in stamps if stamp), "")
 
 
@@ -120,8 +120,9 @@ def cover(run: Run, details: Details) -> Cover:
         ("Order", table.order_number), ("Laboratory", table.laboratory),
     )
     when = started(run)
+    dated = TESTED in run.campaign or not _imported(run)
     made = (
-        ("Imported" if _imported(run) else "Tested", local_time(when, seconds=False) if when else ""),
+        ("Tested" if dated else "Imported", local_time(when, seconds=False) if when else ""),
         ("Operator", details.operator), ("Bench", bench_of(run)),
     )  # fmt: skip
     title = table.title or f"Damper test report{f': {specimen}' if specimen else ''}"
@@ -184,7 +185,7 @@ def _motions(points: Sequence[RecordedPoint], display: Display, terms: MotionTer
         shown, speed = display.displacement, display.speed
         sizes = _values((shown.value(terms.length_m(point.amplitude_m)) for point in own), shown.unit)
         if terms.by_speed(waveform):
-            speeds_m_s = (peak_speed_m_s(waveform, point.amplitude_m, point.frequency_Hz) for point in own)
+            speeds_m_s = (point.peak_speed_m_s for point in own)
             rates = f"peak velocity {_values(map(speed.value, speeds_m_s), speed.unit)}"
         else:
             rates = _values((point.frequency_Hz for point in own), "Hz")

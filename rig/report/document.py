@@ -47,6 +47,7 @@ from rig.recording.endurance import withdrawn_points
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run, planned_points
+from rig.recording.tested_on import TESTED
 from rig.report import fit as fit_sections
 from rig.report import loops, standard
 from rig.report.acceptance import acceptance_section, specimen_fact, specimen_note
@@ -445,7 +446,7 @@ def provenance(run: Run, fit: FitRecord | None, details: CoverDetails) -> Blocks
         "campaign": run.name, **shared,
         **{key: value for key, value in run.campaign.items() if isinstance(value, (str, int, float))},
     }
-    for key in ("started_utc", "created"):
+    for key in ("started_utc", TESTED, "created"):
         if key in shown:
             shown[key.removesuffix("_utc")] = local_time(shown.pop(key))
     shown |= {f"specimen, {key.replace('_', ' ')}": value for key, value in details.specimen.items()}

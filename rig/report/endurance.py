@@ -165,7 +165,7 @@ def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, str, F
     medians, force = sections.medians, display.force
     yield "Peak force, rebound", force.unit, np.asarray(force.signed(medians["force_max"]))
     yield "Peak force, compression", force.unit, np.asarray(force.signed(medians["force_min"]))
-    yield "Energy per cycle", "J", medians["energy"]
+    yield "Energy per cycle", display.energy.unit, np.asarray(display.energy.value(medians["energy"]))
     yield "Friction", force.unit, np.asarray(force.value(medians["friction"]))
     yield "Mean force", force.unit, np.asarray(force.signed(medians["mean_force"]))
     yield "Coil temperature", "degC", medians["temperature"]
@@ -224,7 +224,7 @@ def _peak_table(motions: Rounds, display: Display) -> Blocks:
             peak = point.peak_force_N
             if not peak.known:
                 continue
-            size = f"{point.waveform} {display.displacement.text(point.amplitude_m)} {point.frequency_Hz:.4g} Hz"
+            size = f"{point.waveform} {display.displacement.text(point.amplitude_m)} {point.rate(display)}"
             rows.append((
                 size, f"{point.current_A:.3g}", f"{cycles:,}",
                 number(shown.signed(peak.rebound_N), 4), _change(peak.rebound_N, first.rebound_N),

@@ -137,16 +137,16 @@ def _equation(fit: FitRecord, display: Display) -> Blocks:
 
 def quality(fit: FitRecord, display: Display = SI) -> Blocks:
     """Errors, residuals and energy of each test, and how the parameters depend on each other."""
-    rows = [_test_row(test, "", display.force) for test in fit.error.per_test]
+    rows = [_test_row(test, "", display) for test in fit.error.per_test]
     if fit.holdout is not None:
-        rows += [_test_row(test, validation_words(test.beyond), display.force) for test in fit.holdout.per_test]
+        rows += [_test_row(test, validation_words(test.beyond), display) for test in fit.holdout.per_test]
     if not rows:
         return []
-    unit = display.force.unit
+    unit, energy = display.force.unit, display.energy.unit
     head: list[Head] = [
         Column("Test"), Column("Error", "%", True), Column("RMS error", unit, True), Column("Cycle SD", unit, True),
         Column("Noise", unit, True), Column("Systematic residual", unit, True), Column("Whiteness p", "", True),
-        Column("Energy", "J", True), Column("Modelled", "J", True), Column("Remark"),
+        Column("Energy", energy, True), Column("Modelled", energy, True), Column("Remark"),
     ]  # fmt: skip
     note = (
         "Cycle SD: standard deviation of the force from cycle to cycle. Noise: the part of the residual that changes "
@@ -168,7 +168,8 @@ def _passivity(fit: FitRecord) -> Blocks:
     return [Paragraph((Label(word, severity), text))]
 
 
-def _test_row(test: TestError, remark: str, force: Shown) -> list[Words]:
+def _test_row(test: TestError, remark: str, display: Display) -> list[Words]:
+    force, energy = display.force, display.energy
     residual = test.residual or Residual()
     white: Words = NOTHING
     if residual.known_p:
@@ -177,9 +178,13 @@ def _test_row(test: TestError, remark: str, force: Shown) -> list[Words]:
         white = Label(number(least, 2) if good else f"< {SMALLEST_WHITE_P:g}", GOOD if good else FAIR)
     return [
         test.id, number(test.nrmse_percent_of_peak, 3), _force(test.rmse_N, force), _force(test.noise_N, force),
-        _force(residual.noise_N, force), _force(residual.repeating_N, force, 2), white, number(test.energy_J),
-        number(test.modelled_energy_J), remark,
+        _force(residual.noise_N, force), _force(residual.repeating_N, force, 2), white, _energy(test.energy_J, energy),
+        _energy(test.modelled_energy_J, energy), remark,
     ]  # fmt: skip
+
+
+def _energy(value_J: float | None, energy: Shown) -> str:
+    return NOTHING if value_J is None else number(energy.value(value_J))
 
 
 def _force(value_N: float | None, force: Shown, digits: int = 3) -> str:

@@ -70,7 +70,7 @@ def quantity(
 def shown_as(display: Display, quantity_name: str) -> Shown:
     """How a quantity of `[display]` is shown."""
     known = {"force": display.force, "displacement": display.displacement, "speed": display.speed,
-             "temperature": display.temperature, "damping": display.damping}  # fmt: skip
+             "temperature": display.temperature, "energy": display.energy, "damping": display.damping}  # fmt: skip
     return known[quantity_name]
 
 
@@ -141,7 +141,8 @@ TEST_POINTS = (
         display.force.signed(loop.rebound_N.value), display.force.value(loop.rebound_N.std)), "force"),
     _of_standard("Compression at peak velocity", "", lambda loop, display: (
         display.force.signed(loop.jounce_N.value), display.force.value(loop.jounce_N.std)), "force"),
-    _of_standard("Energy", "J", lambda loop, _: (loop.energy_J.value, loop.energy_J.std)),
+    _of_standard("Energy", "", lambda loop, display: (
+        display.energy.value(loop.energy_J.value), display.energy.value(loop.energy_J.std)), "energy"),
     _of_standard("Damping", "", lambda loop, display: (
         display.damping.value(loop.equivalent_damping_N_s_m.value),
         display.damping.value(loop.equivalent_damping_N_s_m.std)), "damping"),

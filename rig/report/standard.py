@@ -56,9 +56,11 @@ def _by_amplitude(loops: Sequence[LoopCharacteristics], display: Display) -> dic
     """The figures of `TITLES`; empty for a single loop."""
     if len(loops) < 2:
         return {}
-    damping = display.damping
+    damping, energy = display.damping, display.energy
     return {
-        "energy": _figure(loops, display, Axis("Energy", "J"), lambda loop: loop.energy_J.value),
+        "energy": _figure(
+            loops, display, Axis("Energy", energy.unit), lambda loop: energy.value(loop.energy_J.value)
+        ),
         "damping": _figure(
             loops, display, Axis("Damping", damping.unit),
             lambda loop: damping.value(loop.equivalent_damping_N_s_m.value),

@@ -21,8 +21,8 @@ from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.peak_force import PeakForce
-from rig.signals.waveform import WAVEFORMS, waveform_named
-from rig.test_point import HYBRID, RESPONSE
+from rig.signals.waveform import WAVEFORMS
+from rig.test_point import HYBRID, RESPONSE, rate_text
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
 """Samples at most: a record has many reversals, which fewer samples would cut off."""
@@ -82,18 +82,11 @@ class MotionTerms:
 
     def rate(self, waveform: str, amplitude_m: float, frequency_Hz: float, display: Display) -> str:
         """Peak speed or frequency."""
-        if not self.by_speed(waveform):
-            return f"{frequency_Hz:.4g} Hz"
-        return display.speed.text(peak_speed_m_s(waveform, amplitude_m, frequency_Hz))
+        return rate_text(waveform, amplitude_m, frequency_Hz, display, by_speed=self.speed)
 
     def by_speed(self, waveform: str) -> bool:
         """Whether the rate of such a motion is named by its peak speed."""
         return self.speed and waveform in WAVEFORMS
-
-
-def peak_speed_m_s(waveform: str, amplitude_m: float, frequency_Hz: float) -> float:
-    """Peak speed of a cyclic motion, m/s."""
-    return waveform_named(waveform).peak_velocity * amplitude_m * frequency_Hz
 
 
 AS_AMPLITUDE = MotionTerms()

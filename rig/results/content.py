@@ -28,6 +28,7 @@ from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes, channel_names
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_campaign, read_words
+from rig.recording.tested_on import TESTED, when_tested
 from rig.recording.tested_specimens import SpecimenVerdict
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
 from rig.results.run_index import VERDICTS
@@ -159,9 +160,14 @@ def _described(folder: Path, run: Run | None, campaign: Mapping[str, Any]) -> Ro
         "operator": _operator(folder, campaign), "matrix": str(campaign.get("matrix_file", "")),
         "matrix_sha256": str(hashes.get("matrix", "")) if isinstance(hashes, Mapping) else "",
         "bench": str(campaign.get("bench") or provenance.get("bench", "")),
-        "started": _time(campaign.get("started_utc") or campaign.get("created") or provenance.get("started_utc")),
+        "started": _time(when_tested(campaign) or provenance.get("started_utc")),
         "software": str(campaign.get("software", "")), "simulated": simulated, "imported": imported,
     }
+
+
+def _when(point: RecordedPoint) -> datetime | None:
+    """When a point was recorded; of an imported test its date."""
+    return _time(point.provenance.get("started_utc") or point.provenance.get(TESTED))
 
 
 def _time(text: object) -> datetime | None:
@@ -275,7 +281,7 @@ def _point(point: RecordedPoint, made: Characteristics) -> Row:
     return {
         "point": point.id, "kind": point.kind, **_motion(point, loop), "centre_m": point.centre_m,
         "cycles": float(point.cycles), "repeat": int(point.repeat),
-        "recorded": _time(point.provenance.get("started_utc")),
+        "recorded": _when(point),
         "verdict": point.verdict, "reasons": "; ".join(point.reasons), "lost_samples": int(point.lost_samples),
         "skew_s": point.skew_s, "skew_standard_uncertainty_s": point.skew_std_s,
     }
@@ -318,7 +324,7 @@ def _value(point: RecordedPoint, name: str, measured: Measured, motion: Row) -> 
     known = [part for part in (measured.std, calibration) if math.isfinite(part)]
     return {
         "point": point.id, "quantity": name, "subject": about.subject, **motion,
-        "recorded": _time(point.provenance.get("started_utc")), "point_verdict": point.verdict,
+        "recorded": _when(point), "point_verdict": point.verdict,
         "repeat": int(point.repeat), "value": measured.value,
         "unit": about.unit, "standard_uncertainty": math.hypot(*known) if math.isfinite(measured.std) else None,
         "repeatability_uncertainty": measured.std, "calibration_uncertainty": calibration,

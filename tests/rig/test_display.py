@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.bench.model import Bench
+from rig.comparison.readings import Motion
 from rig.display import Display
 from rig.errors import FileProblem
 from rig.files.display_table import display_of
 from rig.files.run_display import run_display
 from rig.matrix.model import load_matrix
+from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fields
 from rig.signals.peak_force import peak_force
+from rig.signals.test_set import MotionReading
+from rig.test_point import TestPoint
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 US = '''
@@ -40,6 +45,25 @@ def test_numbers_are_shown_in_the_units_and_with_the_signs_of_the_table_and_SI_w
     assert Display.of({"speed": "mph"}).acceleration.text(9.80665) == "9.807 m/s^2"
     assert shown.damping.value(175.12683524647636) == pytest.approx(1.0)
     assert Display.of({"temperature": "degF"}).temperature.text(100.0) == "212 degF"
+    assert Display.of({"energy": "ft-lb"}).energy.text(1.3558179483314) == "1 ft lbf"
+    assert [Display.of({"energy": unit}).energy.text(2.0) for unit in ("mJ", "in lbf", "Nm")] == [
+        "2000 mJ", "17.7 in lbf", "2 J",
+    ]  # fmt: skip
+
+
+def test_a_motion_stated_by_its_speed_is_described_by_it_in_the_units_of_the_display() -> None:
+    us = Display.of({"displacement": "in", "speed": "in/s"})
+    point = TestPoint("p1", "sine", 0.0254, 0.254 / (2.0 * np.pi * 0.0254), 0.5, by_speed=True)
+    assert (point.described, point.phrase(us)) == ("sine 25.4 mm 0.254 m/s 0.5 A", "sine 1 in 10 in/s 0.5 A")
+    assert us.described(point.described, point.amplitude_m) == point.phrase(us)
+    assert replace(point, by_speed=False).phrase(us) == "sine 1 in 1.592 Hz 0.5 A"
+    attributes = attributes_of(point, NOT_STATED)
+    assert point_fields(attributes)["by_speed"] is True
+    assert "by_speed" not in attributes_of(replace(point, by_speed=False), NOT_STATED)
+    read = MotionReading("sine", point.amplitude_m, point.frequency_Hz)
+    motion = Motion.of(read, None, 0.5, by_speed=True)
+    assert (motion.phrase(us), motion.label) == ("sine, 1 in, 10 in/s, 0.5 A", "sine, 25.4 mm, 1.592 Hz, 0.5 A")
+    assert motion == Motion.of(read, None, 0.5), "two runs of one motion, of which one states the frequency"
 
 
 def test_bench_and_matrix_may_state_it_and_no_digest_depends_on_it(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ function cancel() { asked = null; by_id("resume").hidden = true; by_id("plan-emp
 // History
 
 const ENDINGS = { finished: "finished", stopped: "stopped", refused: "refused", interrupted: "interrupted", running: "running", imported: "imported" };
-function local(utc) { return Number.isFinite(Date.parse(`${utc}Z`)) ? new Date(`${utc}Z`).toLocaleString("sv-SE").slice(0, 16) : ""; }
+function local(utc) { return utc.length === 10 ? utc : Number.isFinite(Date.parse(`${utc}Z`)) ? new Date(`${utc}Z`).toLocaleString("sv-SE").slice(0, 16) : ""; }
 function show_history() {
   const body = by_id("history").tBodies[0], focused = document.activeElement && body.contains(document.activeElement) ? document.activeElement.dataset.name : "";
   body.replaceChildren(); show_serial();

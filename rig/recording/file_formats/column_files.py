@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
+from rig.extras import how_to_install
 from rig.recording.file_formats.table_file import (
-    INSTALL_FILES,
     NoLines,
     TableColumn,
     check_equal_lengths,
@@ -71,7 +71,7 @@ def parquet_file(file: Path, data: bytes) -> ColumnFile:
     try:
         import pyarrow.parquet
     except ImportError as error:
-        raise FileProblem(str(file), [f"Parquet: pyarrow is not installed. Fix: {INSTALL_FILES}"]) from error
+        raise FileProblem(str(file), [f"Parquet: pyarrow is not installed. Fix: {how_to_install('files')}"]) from error
     try:
         source = pyarrow.parquet.ParquetFile(stream(data))
         schema = source.schema_arrow

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rig.errors import FileProblem
 from rig.recording.file_formats.columns import split_heading
 from rig.recording.file_formats.csv_dialect import (
+    COMMA,
     FORTRAN,
     FORTRAN_HINT,
     NOTHING,
@@ -399,6 +400,8 @@ class CsvFile:
                 ):
                     hint = f"; assumed decimal separator: {layout.decimal!r} (see --decimal and --thousands)"
                     hint = hint if "," in cell or "." in cell else ""
+                    if layout.decimal == "." and COMMA.fullmatch(cell):
+                        hint = ". Fix: if the comma is the decimal separator, add --decimal ,"
                     hint = f"; it {FORTRAN_HINT}" if FORTRAN.fullmatch(cell) else hint
                     name = self.columns[place].name
                     problems.append(f"{self.ROW} {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")

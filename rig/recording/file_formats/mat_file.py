@@ -17,12 +17,12 @@ import h5py
 import numpy as np
 
 from rig.errors import FileProblem
+from rig.extras import how_to_install
 from rig.recording.file_formats.hdf5_file import SIGNATURE, datasets, is_hdf5
 from rig.recording.file_formats.mat_tables import tables
 from rig.recording.file_formats.table_file import (
     DEEPEST,
     FEWEST_ROWS,
-    INSTALL_FILES,
     MOST_COLUMNS,
     NoLines,
     TableColumn,
@@ -310,7 +310,7 @@ def _way_out(name: str, kind: str) -> str:
     if kind not in {"table", "timetable"}:
         return f"variable {name!r} is a MATLAB object of class {kind!r}. Fix: save its numbers as vectors"
     return (
-        f"variable {name!r} is a MATLAB {kind}, which requires mat-io: {INSTALL_FILES}. Or, in MATLAB: "
+        f"variable {name!r} is a MATLAB {kind}, which requires mat-io: {how_to_install('files')}. Or, in MATLAB: "
         f"s = table2struct({table}, "
         f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')"
     )

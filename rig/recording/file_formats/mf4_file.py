@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
+from rig.extras import how_to_install
 from rig.recording.file_formats.file_units import named_unit
-from rig.recording.file_formats.table_file import INSTALL_FILES, NoLines, TableColumn, check_size, stream, unreadable
+from rig.recording.file_formats.table_file import NoLines, TableColumn, check_size, stream, unreadable
 from rig.signals.arrays import FloatArray
 from rig.units import Unit
 
@@ -65,7 +66,7 @@ class Mf4File(NoLines):
         try:
             from asammdf import MDF
         except ImportError as error:
-            raise FileProblem(str(file), [f"MDF files require asammdf: {INSTALL_FILES}"]) from error
+            raise FileProblem(str(file), [f"MDF files require asammdf: {how_to_install('files')}"]) from error
         self._file = file
         try:
             with _quiet():

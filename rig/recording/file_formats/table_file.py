@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import Protocol
 
 from rig.errors import FileProblem
-from rig.extras import how_to_install
 from rig.recording.memory import check_memory
 from rig.signals.arrays import FloatArray
 
@@ -33,7 +32,6 @@ FEWEST_ROWS = 2
 MOST_COLUMNS = 4096
 DEEPEST = 6
 """Groups or structs within each other that are looked into."""
-INSTALL_FILES = how_to_install("files")
 
 
 @dataclass(frozen=True)

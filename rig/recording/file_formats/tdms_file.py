@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
+from rig.extras import how_to_install
 from rig.recording.file_formats.table_file import (
-    INSTALL_FILES,
     NoLines,
     TableColumn,
     check_equal_lengths,
@@ -47,7 +47,7 @@ class TdmsFile(NoLines):
         try:
             from nptdms import TdmsFile as Reader
         except ImportError as error:
-            raise FileProblem(str(file), [f"TDMS files require npTDMS: {INSTALL_FILES}"]) from error
+            raise FileProblem(str(file), [f"TDMS files require npTDMS: {how_to_install('files')}"]) from error
         self._file, self.read_as = file, READ_AS
         try:
             with warnings.catch_warnings(), _logged() as remarks:

@@ -19,10 +19,10 @@ import numpy as np
 
 from drivers.processes import own_program
 from rig.errors import FileProblem
+from rig.extras import how_to_install
 from rig.recording.file_formats import table_file
 from rig.recording.file_formats.csv_file import CsvFile
 from rig.recording.file_formats.table_file import (
-    INSTALL_FILES,
     LARGEST_BYTES,
     MOST_COLUMNS,
     Dialect,
@@ -84,7 +84,9 @@ def open_workbook(file: Path, data: bytes, stated: Dialect) -> list[tuple[str, S
     except Exception as error:
         raise FileProblem(str(file), unreadable("workbook", error)) from error
     if find_spec("python_calamine") is None:
-        raise FileProblem(str(file), [f"this file is an {kind}; workbooks require python-calamine: {INSTALL_FILES}"])
+        raise FileProblem(str(file), [
+            f"this file is an {kind}; workbooks require python-calamine: {how_to_install('files')}"
+        ])
     sheets = {sheet.name: sheet for sheet in _sheets(file, data, kind, stated.decimal)}
     names = (stated.sheet,) if isinstance(stated.sheet, str) else stated.sheet or ()
     if names and (names != (ALL_SHEETS,) or ALL_SHEETS in sheets):

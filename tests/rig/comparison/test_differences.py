@@ -209,6 +209,38 @@ def test_a_force_near_zero_has_no_relative_change(made_run: Make, made_point: Ma
     assert "0.7874 in, 1 Hz" in page
 
 
+@pytest.mark.parametrize(("offsets_N", "changed_N"), [((-110.0, -140.0), -30.0), ((-124.0, -100.0), 24.0)])
+def test_a_force_that_changes_its_sign_or_comes_near_zero_is_stated_in_newtons_and_left_out_of_the_median(
+    offsets_N: tuple[float, float], changed_N: float, made_run: Make, made_point: Make, bands: Make
+) -> None:
+    """Viscous force 125.66 N at 1 Hz, 251.3 N at 2 Hz; the gas force turns or nearly cancels the first in rebound."""
+    runs = [made_run("before"), made_run("after")]
+    for folder, offset_N in zip(runs, offsets_N, strict=True):
+        made_point(folder, "p001", 1000.0, offset_N=offset_N)
+        made_point(folder, "p002", 1000.0, offset_N=-50.0, frequency_Hz=2.0)
+    compared = compare(runs)
+    one = compared.change(1, "rebound_force", compared.rows[0])
+    assert one is not None
+    assert (one.value, one.differs, math.isnan(one.percent)) == (pytest.approx(changed_N, abs=0.3), True, True)
+    summary = compared.to_json()["summary"][0]["rebound_force"]
+    assert (summary["tests"], summary["absolute"]) == (2, 1)
+    assert summary["median_percent"] == pytest.approx(0.0, abs=0.01)
+    assert compared.to_json()["summary"][0]["jounce_force"]["absolute"] == 0
+    assert any("1 of 2 changes of the rebound force are stated in N" in remark for remark in compared.remarks)
+    judgement = compare(runs, bands('[[rebound_force]]\nmost_change = "15 %"\n')).judgement
+    assert judgement is not None
+    wide = next(result for result in judgement.results if "p001" in result.points and result.run == "after")
+    assert str(wide.state) == ("fail" if offsets_N[0] == -110.0 else "missing"), "a band in % is evaluated"
+
+
+def test_a_force_below_the_gas_force_has_no_relative_change() -> None:
+    before, after = (Reading(force_N, 1.0, gas_force=300.0) for force_N in (200.0, 240.0))
+    assert math.isnan(change(before, after, same_gauge=True).percent)
+    assert change(before, after, same_gauge=True, of_band=True).percent == pytest.approx(20.0)
+    before, after = (Reading(force_N, 1.0, gas_force=300.0) for force_N in (-800.0, -840.0))
+    assert change(before, after, same_gauge=True).percent == pytest.approx(5.0)
+
+
 def test_too_few_or_too_many_runs_are_refused(made_run: Make) -> None:
     folder = made_run("a")
     with pytest.raises(RigError, match="specify two runs"):

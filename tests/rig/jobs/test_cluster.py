@@ -137,5 +137,5 @@ def test_a_file_that_is_no_scheduler_file_is_named(tmp_path: Path) -> None:
 
 def test_dask_that_is_not_installed_is_named_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(RigError, match=r"--scheduler needs Dask: pip install 'mr-damper-rig\[cluster\]'"), cluster("a"):
+    with pytest.raises(RigError, match=r"Dask: .*pip install 'mr-damper-rig\[cluster\]'"), cluster("a"):
         pass

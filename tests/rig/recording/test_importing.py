@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.document.moments import local_time
 from rig.errors import FileProblem, IdentificationFailed
 from rig.identification import identify_run
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
-from rig.report.cover import Details
+from rig.recording.tested_on import when_tested
+from rig.report.cover import Details, started
 
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F:kN"}
 MEASURED = Path(os.environ.get("RIG_MEASURED_DATA", Path(__file__).parents[4] / "shared/data/utfsm"))
@@ -59,6 +61,23 @@ def test_a_imported_test_becomes_a_point_in_si_with_measured_amplitude_and_frequ
     assert len(point.provenance["source_sha256"]) == 64
     assert run.campaign["imported"] is True
     assert "D-7" in run.path.name
+
+
+@pytest.mark.parametrize(("given", "tested"), [
+    ("2026-03-05", "2026-03-05"), ("2026-03-05T14:30:00+02:00", "2026-03-05T12:30:00+00:00"),
+])
+def test_an_imported_run_states_the_date_of_its_tests(given: str, tested: str, tmp_path: Path) -> None:
+    folder = import_tests([sine_file(tmp_path)], columns=COLUMNS, out=tmp_path / "out", current_A=0.5, date=given)
+    run = Run.open(folder)
+    assert run.campaign["tested"] == run.points[0].provenance["tested"] == tested
+    assert when_tested(run.campaign) == started(run) == tested
+    assert local_time("2026-03-05") == "2026-03-05", "a date is the same in every time zone"
+    assert not folder.name.startswith("20260305"), "the name has the time of the import, by which `last` is chosen"
+
+
+@pytest.mark.parametrize("date", ["5 March", "2026-13-01", "3026-01-01", "1026-01-01", ""])
+def test_a_date_that_cannot_be_one_of_a_test_is_refused(date: str, tmp_path: Path) -> None:
+    assert "--date: got " in refused(tmp_path, sine_file(tmp_path), date=date)
 
 
 def test_numbers_of_imported_tests_match_a_filter_within_five_percent(tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def test_numbers_in_text_cells_have_the_stated_decimal_separator(tmp_path: Path)
     text = [TABLE[0], *([one if place == 0 else f"{one:.9f}".replace(".", ",") for place, one in enumerate(row)]
                         for row in TABLE[1:] if isinstance(row[0], (int, float)))]  # fmt: skip
     path = workbook(tmp_path / "a.xlsx", {"Run": text})
-    with pytest.raises(FileProblem, match="is not a number"):
+    with pytest.raises(FileProblem, match=r"is not a number\. Fix: if the comma is the decimal separator, add"):
         read(path, COLUMNS)
     (test,) = read(path, COLUMNS, decimal=",")
     check(test, len(text) - 1)

@@ -1,0 +1,45 @@
+"""When tests were run: of a campaign as recorded, of imported tests as the user states it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from rig.clock import utc_now
+from rig.errors import FileProblem
+
+TESTED = "tested"
+"""In `campaign.json` of an imported run: date, or date and time with zone, of the tests (ISO 8601)."""
+EARLIEST = 1950
+EARLIER_ZONES = timedelta(hours=14)
+"""In the easternmost time zone it is tomorrow so long before it is tomorrow in UTC."""
+
+
+def tested_on(text: str) -> str:
+    """A date ("2026-03-05") as it is; a time ("2026-03-05 14:30", local if it states no zone) in UTC (ISO 8601).
+
+    Raises:
+        FileProblem: it is neither, or not between 1950 and now.
+    """
+    text = text.strip()
+    try:
+        moment = datetime.fromisoformat(text)
+        is_date = len(text) == len("2026-03-05")
+        moment = moment.replace(tzinfo=UTC) if is_date else moment.astimezone(UTC)
+    except (ValueError, OverflowError, OSError) as error:
+        raise FileProblem("--date", [f'got {text[:40]!r}, expected a date such as "2026-03-05" or a time such as '
+                                     '"2026-03-05 14:30"']) from error  # fmt: skip
+    latest = utc_now() + (EARLIER_ZONES if is_date else timedelta())
+    if moment.year < EARLIEST or moment > latest:
+        raise FileProblem("--date", [f"got {text}, expected a date from {EARLIEST} to today"])
+    return moment.date().isoformat() if is_date else moment.isoformat(timespec="seconds")
+
+
+def when_tested(campaign: Mapping[str, Any]) -> str:
+    """When the tests of a run were run (ISO 8601); of imported tests without a date when they were imported.
+
+    Args:
+        campaign: content of `campaign.json`; empty where neither is stated.
+    """
+    return str(campaign.get("started_utc") or campaign.get(TESTED) or campaign.get("created") or "")
