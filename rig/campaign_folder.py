@@ -79,6 +79,7 @@ class CampaignFolder:
     acceptance = _Inside("acceptance.json")
     """Verdict on the specimen, if the matrix has acceptance bands."""
     report = _Inside("report.html")
+    report_pdf = _Inside("report.pdf")
     endurance = _Inside("endurance.json")
     """Count and wear of the endurance tests; made from the points' files at any time."""
     hybrid = _Inside("hybrid.json")

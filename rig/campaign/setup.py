@@ -262,6 +262,8 @@ def same_plan(planned: str, digest: str) -> None:
 def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options: CampaignOptions) -> None:
     """Write `campaign.json`: id, time, software, matrix file, hashes, how the rig was simulated, points in order.
 
+    Once the rig is known, it is written again; the time is that of the first time.
+
     Args:
         folder: the campaign's directory.
         bench: the rig; None while it is not known yet, so that a campaign cut off this early can still be resumed.
@@ -274,10 +276,12 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
     hashes: dict[str, Any] = {"bench": "" if bench is None else bench.digest, "matrix": matrix.digest}
     if files := kept_hashes(folder):
         hashes["files"] = files
+    file = CampaignFolder(folder).description
+    before = read_campaign(folder) if file.is_file() else {}
     description: dict[str, Any] = {
         "format": 1,
         "id": folder.name,
-        "started_utc": utc_now().isoformat(timespec="seconds"),
+        "started_utc": before.get("started_utc") or utc_now().isoformat(timespec="seconds"),
         "software": f"mr-damper-rig {__version__}",
         "bench": "" if bench is None else bench.name,
         "specimen": matrix.specimen.serial_number,
@@ -289,7 +293,6 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
         else None,
         "points": [point.id for point in matrix.points()],
     }
-    file = CampaignFolder(folder).description
     try:
         write_text_durably(file, json.dumps(description, indent=1) + "\n")
     except OSError as error:

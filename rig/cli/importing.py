@@ -153,7 +153,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 @click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line number of the units; 0 if there is no "
     "such line.")
 @click.option(
-    "--accept", multiple=True, metavar="SLUG",
+    "--accept", multiple=True, metavar="CODE",
     help="Accept implausible magnitudes reported with this code: units-time, units-displacement, units-force, "
     "sample-rate.",
 )

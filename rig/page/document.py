@@ -9,6 +9,7 @@ import base64
 import hashlib
 from functools import cache
 from importlib.resources import files
+from urllib.parse import quote
 
 RUN, BENCH = "page", "bench"
 """The view of a run, and that of a bench."""
@@ -50,6 +51,18 @@ def report_headers() -> dict[str, str]:
         "frame-ancestors 'none'"
     )
     return {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy, **GUARDS}
+
+
+def pdf_headers(name: str) -> dict[str, str]:
+    """What goes with the PDF of a report: the browser stores it as a file and shows none of it here.
+
+    Args:
+        name: of the run.
+    """
+    return {
+        "Content-Type": "application/pdf", "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}.pdf",
+        "Content-Security-Policy": "sandbox; default-src 'none'", **GUARDS,
+    }
 
 
 GUARDS = {

@@ -73,15 +73,16 @@ class History:
         """A listed run by its name; None for any other name."""
         return next((run for run in self.runs if run["name"] == name), None)
 
-    def report(self, name: object) -> bytes | None:
-        """The report of a listed run; None where there is none that is a regular file of its folder.
+    def report(self, name: object, *, pdf: bool = False) -> bytes | None:
+        """The report of a listed run, HTML or PDF; None where there is none that is a regular file of its folder.
 
         Raises:
             OSError: it cannot be read.
         """
         if self.entry(name) is None:
             return None
-        path = CampaignFolder(self.folder / str(name)).report
+        run = CampaignFolder(self.folder / str(name))
+        path = run.report_pdf if pdf else run.report
         if path.is_symlink():
             return None
         try:
@@ -116,7 +117,7 @@ class History:
             "takt_s": None if running else self.tested.takt_s(name),
             "rig_state": "" if running else _text(result.get("rig_state"), 20),
             "text": "" if running else _sentences(result.get("lines")),
-            "report": not running and run.report.is_file() and not run.report.is_symlink(),
+            "report": not running and _is_own(run.report), "pdf": not running and _has_pdf(run),
             "recorded": _has_files(run.points),
             "resumable": own and left > 0 and not running and run.matrix.is_file(), "own": own, "left": left,
         }
@@ -160,6 +161,18 @@ def _sentences(lines: object) -> str:
 
 def _text(value: object, most: int) -> str:
     return "".join(sign for sign in str(value or "")[:most] if sign.isprintable())
+
+
+def _is_own(file: Path) -> bool:
+    return file.is_file() and not file.is_symlink()
+
+
+def _has_pdf(run: CampaignFolder) -> bool:
+    """Whether there is a PDF that is not older than the report, which a later fit writes again."""
+    try:
+        return _is_own(run.report_pdf) and run.report_pdf.stat().st_mtime_ns >= run.report.stat().st_mtime_ns
+    except OSError:
+        return False
 
 
 def _has_files(points: Path) -> bool:

@@ -1,4 +1,4 @@
-"""The page's server: `/` for the page and `/ws` for its data; of a bench also `/run` and `/report/NAME`. Nothing else.
+"""The page's server: `/` for the page, `/ws` for its data; of a bench also `/run`, `/report/NAME`, `/pdf/NAME`.
 
 One loop sends every client a frame of samples 25 times a second, and at times what has changed of the run. A browser
 that does not read gets nothing more until it does; one that talks too much is shown the door. None of this is waited
@@ -31,7 +31,7 @@ from rig.clock import monotonic_ns
 from rig.page.access import Access, Denied, Role
 from rig.page.bench_control import BenchControl, Requester
 from rig.page.commands import CONTROL_REQUESTS, LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line, understood
-from rig.page.document import BENCH, RUN, document, headers, report_headers
+from rig.page.document import BENCH, RUN, document, headers, pdf_headers, report_headers
 from rig.page.ended_run import recorded_frame
 from rig.page.lease import Lease
 from rig.page.samples import Frames, packed
@@ -61,7 +61,7 @@ SENT_AHEAD = 1 << 16
 PIECE = 400
 """Number of points of a run in one message; a Stop waits only milliseconds while it is written."""
 TOO_MUCH = 1008
-REPORTS = "/report/"
+REPORTS, PDFS = "/report/", "/pdf/"
 _OPEN: dict[ServerConnection, bool] = {}
 """Connections of this process, oldest first, and whether each has shown a valid token."""
 
@@ -156,22 +156,25 @@ class PageServer:
             view = views[place]
             return Response(200, "OK", _headers(headers(view), document(view)), document(view))
         if self._control is not None and place.startswith(REPORTS):
-            return await self._report(self._control, unquote(place.removeprefix(REPORTS)))
+            return await self._report(self._control, unquote(place.removeprefix(REPORTS)), pdf=False)
+        if self._control is not None and place.startswith(PDFS):
+            return await self._report(self._control, unquote(place.removeprefix(PDFS)), pdf=True)
         if place != "/ws":
             return _response(404, "not found\n")
         most = MOST_CLIENTS if access is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
         return _response(503, "refused: too-many-clients\n") if len(self._clients) >= most else None
 
     @staticmethod
-    async def _report(control: BenchControl, name: str) -> Response:
+    async def _report(control: BenchControl, name: str, *, pdf: bool) -> Response:
         """The report of a run."""
         try:
-            report = await asyncio.to_thread(control.history.report, name)
+            report = await asyncio.to_thread(control.history.report, name, pdf=pdf)
         except OSError:
             report = None
         if report is None:
             return _response(404, "this run has no report\n")
-        return Response(200, "OK", _headers(report_headers(), report), report)
+        about = pdf_headers(name) if pdf else report_headers()
+        return Response(200, "OK", _headers(about, report), report)
 
     async def _speak(self, connection: ServerConnection) -> None:
         """One browser, from its first to its last message."""

@@ -42,6 +42,8 @@ TESTED_SHARE = 0.003
 """Smallest relative difference of two measured frequencies that were tested as different ones, if each was repeated."""
 CLEAR_GAP, LEAST_REPEATS = 8.0, 2
 """Gap between two tested frequencies, in widths of the repeats and in standard uncertainties; and tests of each."""
+SINGLE_SHARE, EXACT_GAP = 0.01, 100.0
+"""Smallest relative difference, and gap in standard uncertainties, of two tested frequencies that were not repeated."""
 REQUEST_SHARE = 1e-4
 """The same of requested ones, which are exact numbers."""
 MISSED_SHARE = 0.5
@@ -519,20 +521,32 @@ def are_separable(low_Hz: float, high_Hz: float, noise_Hz: float) -> bool:
     return high_Hz - low_Hz > max(TESTED_SHARE * high_Hz, CLEAR_GAP * noise_Hz)
 
 
+def _are_far_apart(gap_Hz: float, frequency_Hz: float, noise_Hz: float) -> bool:
+    """Whether two measured frequencies were tested as different ones although they were not repeated.
+
+    The uncertainty must be known: it shows how exactly the machine holds its frequency.
+    """
+    return noise_Hz > 0.0 and gap_Hz > max(SINGLE_SHARE * frequency_Hz, EXACT_GAP * noise_Hz)
+
+
 def _tight(group: Sequence[int], readings: Sequence[MotionReading]) -> list[Sequence[int]]:
-    """Tests of near frequencies, apart where each of several frequencies was repeated exactly.
+    """Tests of near frequencies, apart where several frequencies were tested.
 
     A generator repeats a frequency exactly, whatever the force; so two clusters of repeats that are far narrower than
-    the gap between them are two tested frequencies. Amplitudes droop with the force and are not separated like this.
+    the gap between them are two tested frequencies. Without repeats, as at a single current, the gap must be wider than
+    a motor drifts between tests, and very wide compared with what the frequency varies within each test. Amplitudes
+    droop with the force and are not separated like this.
     """
     order = sorted(group, key=lambda k: readings[k].frequency_Hz)
     values = [readings[k].frequency_Hz for k in order]
-    places = range(LEAST_REPEATS, len(order) - LEAST_REPEATS + 1)
-    for place in sorted(places, key=lambda at: values[at - 1] - values[at]):  # the widest gap first
+    noise_Hz = max(readings[k].frequency_std_Hz for k in order)
+    for place in sorted(range(1, len(order)), key=lambda at: values[at - 1] - values[at]):  # the widest gap first
         gap_Hz = values[place] - values[place - 1]
-        noise_Hz = max(readings[k].frequency_std_Hz for k in order)
         if not are_separable(values[place - 1], values[place], noise_Hz):
             break
+        repeated = LEAST_REPEATS <= place <= len(order) - LEAST_REPEATS
+        if not repeated and not _are_far_apart(gap_Hz, values[place], noise_Hz):
+            continue
         low, high = _tight(order[:place], readings), _tight(order[place:], readings)
         spans_Hz = [readings[part[-1]].frequency_Hz - readings[part[0]].frequency_Hz for part in (*low, *high)]
         if gap_Hz > CLEAR_GAP * max(spans_Hz):

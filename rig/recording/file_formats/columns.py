@@ -41,7 +41,7 @@ NOT_MEASURED = frozenset((
     "max", "peak", "mean", "avg", "rate", "error", "limit", "count", "counter", "number", "index",
 ))  # fmt: skip
 """Words in the names of columns that hold something else than the measured quantity."""
-BY_NAME = "by its name"
+FROM_NAME, FROM_FILE = "from the column name", "from the file"
 CERTAIN = 2
 """A column that looks less like a quantity is not suggested."""
 
@@ -249,14 +249,14 @@ def _unit(column: TableColumn, given: str, dimension: str) -> tuple[str, str]:
         if not by_name:
             raise ValueError("unknown unit. Fix: append the unit to the column name (x_mm), write it after a colon "
                 f"({column.name}:{units_of(dimension)[0]}), or specify a sensitivity with --scale")  # fmt: skip
-        return by_name, BY_NAME
+        return by_name, FROM_NAME
     problem = (f"the file states the unit {column.unit!r}, which is not a unit of {dimension} ({units}). Fix: "
         "write the unit after a colon, or specify a sensitivity with --scale")  # fmt: skip
     by_file = _of(column.unit, dimension, problem)
     if by_name and by_name != by_file:
         raise ValueError(f"the column name states {by_name}, but the file states {by_file}. Fix: write the correct "
             "unit after a colon")
-    return by_file, "the file says"
+    return by_file, FROM_FILE
 
 
 def unit_stated(column: TableColumn) -> str:
@@ -265,7 +265,7 @@ def unit_stated(column: TableColumn) -> str:
         return column.unit
     suffixes = {end: unit for dimension in DIMENSIONS for end, unit in key_suffixes(dimension).items()}
     unit = _at_end(column.name, suffixes)
-    return f"{unit}, {BY_NAME}" if unit else ""
+    return f"{unit}, {FROM_NAME}" if unit else ""
 
 
 def _suffix_unit(name: str, dimension: str) -> str:

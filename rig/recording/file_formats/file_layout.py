@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rig.recording.file_formats.columns import ColumnChoice
+from rig.recording.file_formats.columns import FROM_FILE, FROM_NAME, ColumnChoice
 from rig.recording.file_formats.file_units import known_unit
 from rig.recording.file_formats.table_file import TableColumn
 
@@ -16,6 +16,10 @@ MOST_SHOWN = 8
 RATE_SHARE = 0.01
 COUNTED = re.compile(r", \d+ [^,]*|\d+")
 """Of the text on format and dialect: counts and line numbers, which change from file to file."""
+
+
+EARLIER_WORDS = {"the file says": FROM_FILE, "by its name": FROM_NAME}
+"""Of earlier versions in `unit_from`, and what this version states in their place."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,11 @@ class ColumnLayout:
     unit_from: str
     file_unit: str = ""
     unapplied: str = ""
+
+    def __post_init__(self) -> None:
+        for earlier, now in EARLIER_WORDS.items():
+            if earlier in self.unit_from:
+                object.__setattr__(self, "unit_from", self.unit_from.replace(earlier, now))
 
 
 @dataclass(frozen=True)

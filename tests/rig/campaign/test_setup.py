@@ -156,6 +156,10 @@ def test_the_description_says_what_was_run_and_how(tmp_path: Path) -> None:
     assert description["points"] == ["p001", "p002", "p003", "p004"]
     assert description["hash"] == campaign_hash(bench(tmp_path), matrix(tmp_path))
     assert "127.0.0.1" not in json.dumps(description)
+    began = json.dumps({**description, "started_utc": "2026-03-05T10:00:00+00:00"})
+    (tmp_path / "campaign.json").write_text(began, encoding="utf-8")
+    write_description(tmp_path, bench(tmp_path), matrix(tmp_path), options)  # again, once the rig is known
+    assert json.loads((tmp_path / "campaign.json").read_text(encoding="utf-8"))["started_utc"][:10] == "2026-03-05"
 
 
 def test_the_station_receives_the_narrower_of_bench_and_specimen(tmp_path: Path) -> None:

@@ -238,7 +238,8 @@ def test_files_read_identical_are_reported_once_and_the_odd_one_by_its_name(tmp_
         )
     expected = ("--column", "time=t_s", "--column", "displacement=x_mm", "--column", "force=F_N", "--current", "1 A")
     reported = rig("import", *sorted(tmp_path.glob("*.csv")), *expected, "--dry-run").stdout
-    columns = "  time t_s (s, by its name)\n  displacement x_mm (mm, by its name)\n  force F_N (N, by its name)\n"
+    of_name = "from the column name"
+    columns = f"  time t_s (s, {of_name})\n  displacement x_mm (mm, {of_name})\n  force F_N (N, {of_name})\n"
     identical, odd = reported.split(columns)[:2]
     assert identical == (", ".join(str(tmp_path / f"{name}.csv") for name in "abc")
                      + ": CSV, separator ',', decimal '.', utf-8, names in line 1, numbers from line 2\n")  # fmt: skip

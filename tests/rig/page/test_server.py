@@ -440,6 +440,13 @@ def test_the_page_of_a_bench_gives_out_reports_without_their_scripts_and_samples
         for path in ("..%2F..%2Fb.toml", "..", f"{run.name}%2F..%2F{run.name}", "", "%00", "no-such-run"):
             assert (await asyncio.to_thread(got, access, f"/report/{path}?token={viewer}"))[0] == 404
         assert (await asyncio.to_thread(got, access, f"/report/{run.name}?token=wrong"))[0] == 401
+        assert (await asyncio.to_thread(got, access, f"/pdf/{run.name}?token={viewer}"))[0] == 404, "it has none yet"
+        (run / "report.pdf").write_bytes(b"%PDF-1.4")
+        status, body, headers = await asyncio.to_thread(got, access, f"/pdf/{run.name}?token={viewer}")
+        assert (status, body, headers["Content-Type"]) == (200, b"%PDF-1.4", "application/pdf")
+        assert headers["Content-Disposition"] == f"attachment; filename*=UTF-8''{run.name}.pdf"
+        assert (await asyncio.to_thread(got, access, f"/pdf/..%2f{run.name}?token={viewer}"))[0] == 404
+        assert (await asyncio.to_thread(got, access, f"/pdf/{run.name}?token=wrong"))[0] == 401
         assert (await asyncio.to_thread(got, access, f"/?token={viewer}"))[1] == document(BENCH)
         assert (await asyncio.to_thread(got, access, f"/run?token={viewer}"))[1] == document(RUN)
         uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.OPERATOR]}&client=a"

@@ -164,7 +164,7 @@ def test_quantities_that_are_not_specified_are_read_by_their_standard_names(tmp_
 def test_the_list_of_columns_states_each_unit_and_the_option_for_the_current(tmp_path: Path) -> None:
     (tmp_path / "a_0.5A.csv").write_text("t_s;x;v_m_s;F [kN]\n" + rows(";", ".").replace("\n", ";1\n"))
     ((_, columns, _),) = column_lists(tmp_path / "a_0.5A.csv", Dialect())
-    assert [unit for _, unit in columns] == ["s, by its name", "", "m/s, by its name", "kN"]
+    assert [unit for _, unit in columns] == ["s, from the column name", "", "m/s, from the column name", "kN"]
     assert current_hint([tmp_path / "a_0.5A.csv"]) == "--current-from-name '_(?P<current>[0-9.]+)A'"
     assert current_hint([tmp_path / "a_0.5A.csv", tmp_path / "b_2015A.csv"]) == "--current '... A'"
 

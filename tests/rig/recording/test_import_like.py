@@ -44,12 +44,16 @@ def test_columns_units_and_scales_are_those_of_the_earlier_import(earlier: Path,
         run = import_tests([table(tmp_path / "a.csv", size=0.5)], like=earlier, current_A=1.0, out=tmp_path)
     (point,) = Run.open(run).points
     assert (point.current_A, point.verdict) == (1.0, "valid")
-    assert "force Kraft (N, the file says, times -1)" in str(point.provenance["read_as"])
+    assert "force Kraft (N, from the file, times -1)" in str(point.provenance["read_as"])
     assert force_N(run) == pytest.approx([450.0])
     held = json.loads((run / "campaign.json").read_text())
     assert held["like"] == {"run": earlier.name, "differences": []}
     assert held["import"]["settings"]["columns"] == COLUMNS
-    again = import_tests([tmp_path / "a.csv"], like=run, current_A=1.0, out=tmp_path)
+    words = (run / "campaign.json").read_text().replace("from the file", "the file says")
+    (run / "campaign.json").write_text(words)  # of an earlier version
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = import_tests([tmp_path / "a.csv"], like=run, current_A=1.0, out=tmp_path)
     assert force_N(again) == force_N(run)
 
 
@@ -68,7 +72,7 @@ def test_a_unit_by_the_file_is_read_rightly_and_its_change_is_named(earlier: Pat
     texts = [str(one.message).split(f"{file}: ")[1] for one in caught]
     assert texts == [
         "displacement in column 3 instead of 2",
-        "force in kN (the file says, times -1) instead of N (the file says, times -1)",
+        "force in kN (from the file, times -1) instead of N (from the file, times -1)",
         "force in column 4 instead of 3", "new column(s): n",
     ]  # fmt: skip
     assert force_N(run) == pytest.approx([900.0])

@@ -178,7 +178,7 @@ def test_columns_below_a_merged_cell_are_found_by_it_and_hidden_sheets_only_by_n
     book.save(path)
     (test,) = read(path, {"time": "Time", "displacement": "Damper 2/Stroke", "force": "Damper 2/Force"})
     check(test, SHEET)
-    assert "force Damper 2/Force (kN, the file says)" in test.read_as
+    assert "force Damper 2/Force (kN, from the file)" in test.read_as
     with pytest.raises(FileProblem, match="select one of them with Damper 1/Force, Damper 2/Force"):
         read(path, {"time": "Time", "displacement": "#4", "force": "Force"})
     assert "hidden sheet 'old'" in read(path, COLUMNS, sheet="old")[0].read_as
@@ -328,7 +328,7 @@ def test_channels_of_lvm_have_their_own_units_and_steps(x_columns: str, tmp_path
     columns = {"displacement": "Stroke", "force": "Load"}
     (test,) = read(tmp_path / "a.lvm", columns)
     check(test)
-    assert "force Load (N, the file says)" in test.read_as  # the channel before it has no unit
+    assert "force Load (N, from the file)" in test.read_as  # the channel before it has no unit
     lvm(tmp_path / "a.lvm", x_columns, "0.005;0.1;0.006")
     with pytest.raises(FileProblem, match=r"together: Stroke: .*Delta_X 0\.005 s.*Load: .*Delta_X 0\.006 s"):
         read(tmp_path / "a.lvm", columns)
@@ -429,7 +429,7 @@ def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
         with pytest.raises(FileProblem, match=r"truncated|missing"):
             read(tmp_path / "a.rsp", RPC_COLUMNS)
     (tmp_path / "a.rsp").write_bytes(whole + b"12345")
-    assert "force Load (N, the file says, SCALE 0.05 applied)" in read(tmp_path / "a.rsp", RPC_COLUMNS)[0].read_as
+    assert "force Load (N, from the file, SCALE 0.05 applied)" in read(tmp_path / "a.rsp", RPC_COLUMNS)[0].read_as
     assert "12 samples at the end left out" in (read_as := read(tmp_path / "a.rsp", RPC_COLUMNS)[0].read_as)
     assert "5 bytes after the last sample ignored" in read_as
 

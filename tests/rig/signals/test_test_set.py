@@ -150,6 +150,15 @@ def test_near_frequencies_that_were_each_repeated_exactly_are_two_motions() -> N
     assert set(motion_groups(noisy).of_test) == {0}, "the frequencies are not known so well"
 
 
+@pytest.mark.parametrize(("std_share", "apart"), [(1e-5, True), (0.0, False), (1e-3, False)])
+def test_near_frequencies_that_were_tested_once_are_two_motions_if_the_machine_holds_its_frequency(
+    std_share: float, apart: bool
+) -> None:
+    """As at a single current, without repeats: 0.05 m/s and 2 in/s, 1.6 % apart."""
+    read = [MotionReading("sine", 0.0248, one, frequency_std_Hz=std_share * one) for one in (0.160, 0.32003, 0.32514)]
+    assert motion_groups(read).of_test == ((0, 1, 2) if apart else (0, 1, 1))
+
+
 def test_requested_motions_decide_however_far_a_servo_reached() -> None:
     reached = [MotionReading("sine", amplitude, 1.0, requested=(0.05, 1.0)) for amplitude in (0.0498, 0.0471)]
     groups = motion_groups([*reached, MotionReading("sine", 0.0484, 1.0), MotionReading("sine", 0.0601, 1.0)])
