@@ -20,12 +20,13 @@ from rig.document.style import FITTED, MEASURED, RESIDUAL, category_colour
 from rig.document.words import Key, Strong, capitalised
 from rig.identification.points.response_steps import COMMAND, Curve, ResponseTest
 from rig.signals.arrays import FloatArray
-from rig.signals.step_response import LEVEL_NAMES, LEVELS, State
+from rig.signals.step_response.result import LEVEL_NAMES, LEVELS, State
 
 NOTE = (
     "The current is stepped while the rod moves at constant velocity. Dead time, and time until the force has made "
     "63, 90 and 95 % of its step, from the command of the current; coil: the same of the measured current. The times "
-    "are read from the records without a model; a dagger marks times of the first-order fit where they cannot be. "
+    "are read from the records without a model; a dagger marks times of a fit of one or two lags with dead time, where "
+    "they cannot be. "
     "\N{PLUS-MINUS SIGN}: standard uncertainty."
 )
 FROM_CURRENT = (
@@ -44,7 +45,7 @@ def response_section(tests: Sequence[ResponseTest], left_out: Sequence[str], dis
     blocks: Blocks = [*section("Response time", NOTE)]
     if tests:
         blocks += response_blocks([test.to_json() for test in tests], display)
-        keys = (Key("force", MEASURED), Key("first-order fit", FITTED), Key("coil current", RESIDUAL))
+        keys = (Key("force", MEASURED), Key("fit", FITTED), Key("coil current", RESIDUAL))
         cards = tuple(_cards(tests, display))
         blocks += [Keys(keys), Cards(cards)] if cards else []
         blocks += _summary(tests, display)
@@ -93,11 +94,10 @@ def _row(test: Mapping[str, Any], display: Display) -> list[str]:
 
 
 def _of_level(response: Mapping[str, Any], name: str) -> str:
-    """Without a model where that is measured, else by the fit."""
-    crossing, fit = response["crossing"][name], response["fit"][name]
-    if crossing["state"] == State.MEASURED or fit["state"] != State.MEASURED:
-        return time_words(crossing if crossing["state"] != State.UNKNOWN else fit)
-    return f"{time_words(fit)} {DAGGER}"
+    """Without a model where that can be read, else by the fit, marked by a dagger."""
+    stated = response["stated"][name]
+    by_fit = stated["method"] == "fit" and stated["state"] == State.MEASURED
+    return f"{time_words(stated)} {DAGGER}" if by_fit else time_words(stated)
 
 
 def time_words(time: Mapping[str, Any]) -> str:
@@ -151,8 +151,12 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
     fast = [name for name in LEVEL_NAMES if force["crossing"][name]["state"] == State.FASTER]
     if fast:
         yield f"Too few samples around {', '.join(fast)} to read the time without a model"
-    if not force["first_order"]:
-        yield "The response is not of first order"
+    if not force["fit_describes"]:
+        yield f"A fit of {'one lag' if force['order'] == 1 else 'two lags'} does not describe the response"
+    elif force["overshoots"]:
+        yield "The response overshoots its end"
+    elif force["order"] == 2:
+        yield "The response has two lags"
     if force["repeats_scatter"]:
         yield "The repeats scatter by more than the noise"
 

@@ -13,7 +13,7 @@ from rig.identification.points.response_steps import ResponseTest
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.results.quantities import ENDURANCE_CYCLES, ENDURANCE_PROGRESS, cycles_to, response_time, wear
-from rig.signals.step_response import LEVELS, TimeResult
+from rig.signals.step_response.result import LEVELS, TimeResult
 from rig.signals.wear_trend import RULES, StopRule
 from rig.test_point import ENDURANCE
 
@@ -56,8 +56,7 @@ def _of_response(test: ResponseTest) -> Values:
     times: dict[str, TimeResult] = {"dead_time": test.force.dead}
     times |= {f"t{100 * level:.0f}": test.best(place) for place, level in enumerate(LEVELS)}
     if test.current is not None:
-        crossing, fit = test.current.crossing[0], test.current.fit[0]
-        times["coil_t63"] = crossing if crossing.measured else fit
+        times["coil_t63"] = test.current.best(0)
     return {
         response_time(name, switched="on" if test.rises else "off", direction=test.direction):
             Measured(time.value_s, time.std_s, math.nan)

@@ -21,7 +21,10 @@ from rig.fits.plain import plain
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import BoolArray, FloatArray
 from rig.signals.sensor_filter import DELAY_TIMES_BANDWIDTH
-from rig.signals.step_response import LEVEL_NAMES, Record, Seen, StepResponse, TimeResult, onsets, step_response
+from rig.signals.step_response.analysis import step_response
+from rig.signals.step_response.onset import onsets
+from rig.signals.step_response.records import Record, Seen
+from rig.signals.step_response.result import LEVEL_NAMES, StepResponse, TimeResult
 from rig.test_point import RESPONSE
 
 COMMAND, CURRENT = "command", "current"
@@ -104,8 +107,7 @@ class ResponseTest:
 
     def best(self, place: int) -> TimeResult:
         """Time of the force to one of `LEVELS`: without a model where that is measured, else by the fit."""
-        crossing = self.force.crossing[place]
-        return crossing if crossing.measured else self.force.fit[place]
+        return self.force.best(place)
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
@@ -131,7 +133,13 @@ def _response_json(response: StepResponse, unit: str) -> dict[str, Any]:
         "dead_time": _time_json(response.dead), "lag": _time_json(response.lag),
         "fit": {name: _time_json(time) for name, time in zip(LEVEL_NAMES, response.fit, strict=True)},
         "crossing": {name: _time_json(time) for name, time in zip(LEVEL_NAMES, response.crossing, strict=True)},
-        "first_order": response.fits, "repeats_scatter": response.scatters, "why": response.why or None,
+        "stated": {
+            name: {**_time_json(response.best(place)), "method": response.method(place)}
+            for place, name in enumerate(LEVEL_NAMES)
+        },
+        "order": response.order, "second_lag": _time_json(response.second_lag), "overshoots": response.overshoots,
+        "first_order": response.fits and response.order == 1, "fit_describes": response.fits,
+        "repeats_scatter": response.scatters, "why": response.why or None,
     }
 
 
