@@ -19,26 +19,17 @@ import numpy as np
 from rig.errors import RigError, evaluating
 from rig.fits.plain import plain
 from rig.recording.recorded_point import RecordedPoint
-from rig.signals.arrays import BoolArray, FloatArray
+from rig.signals.arrays import FloatArray
 from rig.signals.sensor_filter import DELAY_TIMES_BANDWIDTH
 from rig.signals.step_response.analysis import step_response
 from rig.signals.step_response.onset import onsets
 from rig.signals.step_response.records import Record, Seen
 from rig.signals.step_response.result import LEVEL_NAMES, StepResponse, TimeResult
+from rig.signals.straight_steps import BASELINE_SHARE, StepsInMotion, StraightStep, steps_in_motion
 from rig.test_point import RESPONSE
 
 COMMAND, CURRENT = "command", "current"
 """What the times count from."""
-STRAIGHT = 0.9
-"""Share of the speed of the straight part from which it begins and at which it ends."""
-EDGE_S = 0.005
-"""Taken off both ends of the straight part: the velocity is smoothed over some samples."""
-BASELINE_SHARE = 0.6
-"""Share of the straight part before a step, its end, that serves as the baseline: the rest is run-in."""
-SHORTEST_S = 0.02
-"""Least baseline and least window of a step that is used."""
-SPEED_TOLERANCE = 0.2
-SAME_CURRENT_A = 0.002
 HOST_STD_S = 0.0005
 """Standard uncertainty of a command's host time on the controller's clock: what the delays on both wires leave open."""
 PLACES = 251
@@ -171,31 +162,22 @@ def response_tests(points: Sequence[RecordedPoint]) -> tuple[tuple[ResponseTest,
     return tuple(tests), left_out
 
 
-@dataclass(frozen=True)
-class _Step:
-    """A step in the straight part of its half stroke; times on the file's time base (s)."""
-
-    at_s: float
-    from_A: float
-    to_A: float
-    velocity_m_s: float
-    begin_s: float
-    end_s: float
-
-
 def _of_point(point: RecordedPoint) -> tuple[list[ResponseTest], list[str]]:
     """Results of one point, and what was discarded."""
-    steps, lost = _straight_steps(point)
+    seen = _steps_in_motion(point)
+    if seen is None:
+        return [], ["the commanded current is not recorded"]
+    steps, lost = seen.steps, list(seen.lost())
     if not steps:
         return [], [*lost, "no step lies in the straight part of a half stroke"]
-    kinds = list(dict.fromkeys((step.velocity_m_s > 0.0, step.from_A, step.to_A) for step in steps))
+    kinds = list(dict.fromkeys(step.kind for step in steps))
     force = point.force_samples
     good = np.isfinite(force.force_N)
     samples = (force.time_s[good], force.force_N[good])
     current = _current_samples(point)
     tests = []
     for kind in sorted(kinds, key=lambda one: (not one[0], -abs(one[2]))):
-        chosen = [step for step in steps if (step.velocity_m_s > 0.0, step.from_A, step.to_A) == kind]
+        chosen = [step for step in steps if step.kind == kind]
         tests.append(_result(point, chosen, samples, current, _discarded(point, kind, len(chosen))))
     return tests, lost
 
@@ -208,90 +190,15 @@ def _discarded(point: RecordedPoint, kind: tuple[bool, float, float], used: int)
     return max(0, count // 2 - used)
 
 
-def _straight_steps(point: RecordedPoint) -> tuple[list[_Step], list[str]]:
-    """Steps of the program that fell into a straight part, and why others did not, in words."""
-    commands, lost = _commands(point)
-    time_s, velocity_m_s = point.time_s, point.velocity_m_s
-    steps: list[_Step] = []
-    outside = wrong_speed = 0
-    for at_s, before_A, after_A in commands:
-        part = _straight_part(time_s, velocity_m_s, at_s)
-        if part is None or at_s - part[0] < SHORTEST_S / BASELINE_SHARE or part[1] - at_s < SHORTEST_S:
-            outside += 1
-            continue
-        begin_s, end_s, speed_m_s = part
-        if abs(abs(speed_m_s) / point.peak_speed_m_s - 1.0) > SPEED_TOLERANCE:
-            wrong_speed += 1
-            continue
-        steps.append(_Step(at_s, before_A, after_A, speed_m_s, begin_s, end_s))
-    if outside:
-        lost.append(f"{outside} of {len(point.steps_s) - 1} steps discarded: outside the straight part of the stroke")
-    if wrong_speed:
-        lost.append(f"{wrong_speed} of {len(point.steps_s) - 1} steps discarded: the speed differs by more than "
-            f"{100 * SPEED_TOLERANCE:g} % from {point.peak_speed_m_s:.3g} m/s")
-    return steps, lost
-
-
-def _commands(point: RecordedPoint) -> tuple[list[tuple[float, float, float]], list[str]]:
-    """When each step of the program was commanded (s), and its currents; and what is missing, in words."""
+def _steps_in_motion(point: RecordedPoint) -> StepsInMotion | None:
+    """The steps of the program in the recorded motion; None where the commanded current is not recorded."""
     raw = point.raw("commanded_current")
-    if raw is None or "time" not in raw or len(point.steps_s) < 2:
-        return [], ["the commanded current is not recorded"]
-    placed = np.isfinite(raw["time"]) & np.isfinite(raw["value"])
-    time_s, value_A = raw["time"][placed].astype(np.float64), raw["value"][placed].astype(np.float64)
-    changed = np.flatnonzero(np.abs(np.diff(value_A)) > SAME_CURRENT_A) + 1
-    times_s, levels_A = time_s[changed], value_A[changed]
-    if not len(times_s):
-        return [], ["no step of the current was commanded"]
-    holds_s = float(np.min(np.diff(point.steps_s)))
-    # The motion's start on the file's time base, by the steps themselves.
-    start_s = _start_s(times_s, levels_A, point)
-    commands, missing = [], 0
-    for number in range(1, len(point.steps_s)):
-        expected_s, level_A = start_s + point.steps_s[number], point.steps_A[number]
-        near = np.flatnonzero(
-            (np.abs(levels_A - level_A) <= SAME_CURRENT_A) & (np.abs(times_s - expected_s) < 0.5 * holds_s)
-        )
-        if len(near):
-            at_s = float(times_s[near[np.argmin(np.abs(times_s[near] - expected_s))]])
-            commands.append((at_s, point.steps_A[number - 1], level_A))
-        else:
-            missing += 1
-    return commands, [f"{missing} of {len(point.steps_s) - 1} steps were not commanded"] if missing else []
-
-
-def _start_s(times_s: FloatArray, levels_A: FloatArray, point: RecordedPoint) -> float:
-    """Start of the program by which most of its steps were commanded when they should have been (s)."""
-    first = [at_s - point.steps_s[1] for at_s, level_A in zip(times_s, levels_A, strict=True)
-             if abs(level_A - point.steps_A[1]) <= SAME_CURRENT_A]
-    steps_s = np.asarray(point.steps_s[1:])
-
-    def off_s(start_s: float) -> float:
-        return float(np.median(np.min(np.abs(times_s[:, None] - start_s - steps_s), axis=0)))
-
-    return min(first, key=off_s, default=float(times_s[0]) - point.steps_s[1])
-
-
-def _straight_part(time_s: FloatArray, velocity_m_s: FloatArray, at_s: float) -> tuple[float, float, float] | None:
-    """Begin and end (s) of the straight part of the half stroke around a time, and its velocity (m/s)."""
-    place = int(np.searchsorted(time_s, at_s))
-    near = velocity_m_s[max(0, place - 2) : place + 3]
-    near = near[np.isfinite(near)]
-    if not len(near):
+    if raw is None or "time" not in raw:
         return None
-    way = math.copysign(1.0, float(np.median(near)))
-    ahead: BoolArray = np.asarray(way * velocity_m_s > 0.0) & np.isfinite(velocity_m_s)
-    back, forth = np.flatnonzero(~ahead[:place]), np.flatnonzero(~ahead[place:])
-    if not len(back) or not len(forth):
-        return None
-    rows = slice(int(back[-1]) + 1, place + int(forth[0]))
-    within_s, speed_m_s = time_s[rows], way * velocity_m_s[rows]
-    if len(within_s) < 10:
-        return None
-    middle = float(np.median(speed_m_s[len(speed_m_s) // 5 : -len(speed_m_s) // 5]))
-    full = np.flatnonzero(speed_m_s >= STRAIGHT * middle)
-    begin_s, end_s = float(within_s[full[0]]) + EDGE_S, float(within_s[full[-1]]) - EDGE_S
-    return (begin_s, end_s, way * middle) if begin_s < at_s < end_s else None
+    return steps_in_motion(
+        (point.steps_s, point.steps_A), (raw["time"], raw["value"]), (point.time_s, point.velocity_m_s),
+        point.peak_speed_m_s,
+    )
 
 
 def _current_samples(point: RecordedPoint) -> tuple[FloatArray, FloatArray] | None:
@@ -313,7 +220,7 @@ def _cut(samples: tuple[FloatArray, FloatArray], begin_s: float, end_s: float, a
 
 
 def _result(
-    point: RecordedPoint, steps: Sequence[_Step], force: tuple[FloatArray, FloatArray],
+    point: RecordedPoint, steps: Sequence[StraightStep], force: tuple[FloatArray, FloatArray],
     current: tuple[FloatArray, FloatArray] | None, discarded: int,
 ) -> ResponseTest:
     """The response to steps of one kind."""

@@ -21,21 +21,25 @@ from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.point_quality import PointQuality, measured_quality
 from rig.recording.quality.tracking import Tracking, signal_quality, tracking_of, tracking_reasons
-from rig.recording.quality.verdict import Kind, Reason
+from rig.recording.quality.verdict import Kind, Reason, invalid, suspect
 from rig.recording.quality.verdict_rules import PointEvidence, SensorCounts, evaluate
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import law_error_A, loop_error_A, program_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
+from rig.signals.derivatives import velocity_of
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 from rig.signals.peak_force import PeakForce, peak_force
-from rig.test_point import ENDURANCE, TestPoint
+from rig.signals.straight_steps import steps_in_motion
+from rig.test_point import ENDURANCE, RESPONSE, TestPoint
 
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 SATURATION_SHARE = 0.999
 TEMPERATURE_REACH_S = 0.5
 LARGEST_DISORDER = 0.001
+LOST_STEPS = 0.1
+"""Share of the steps of a response test that may be missing in its results without a remark."""
 EVALUATED_CYCLES, SPARE_CYCLES = 100, 5
 """Last cycles of a block of an endurance test that its verdict is given by, and what is added for its end at rest."""
 VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, "iteration": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
@@ -142,6 +146,7 @@ def examine(
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
             *_disorder(context, alignment),
+            *_steps_lost(point, alignment, seen),
             *tracking_reasons(
                 point, tracking, stopped=content.end is None or end.get("stopped_by") is not None,
                 tolerance=context.commanded.tracking_tolerance,
@@ -179,6 +184,24 @@ def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:
         )
         for channel in channels if channel.disordered > LARGEST_DISORDER * len(channel.received)
     ]
+
+
+def _steps_lost(point: TestPoint, alignment: Alignment, seen: Overview) -> list[Reason]:
+    """Steps of the current of a response test that cannot be evaluated."""
+    commands = alignment.timed.get("commanded_current")
+    if point.kind != RESPONSE or commands is None:
+        return []
+    at_s = np.asarray(commands.time_s[:]) - alignment.origin_s
+    velocity_m_s = velocity_of(seen.time_s, seen.displacement_m)[0]
+    steps = steps_in_motion(
+        (point.steps_s, point.steps_A), (at_s, commands.records["value"]), (seen.time_s, velocity_m_s),
+        point.peak_speed_m_s,
+    )
+    if not steps.steps:
+        return [invalid("response-steps", "; ".join((*steps.lost(), "no step of the current can be evaluated")))]
+    if len(steps.steps) < (1.0 - LOST_STEPS) * steps.planned:
+        return [suspect("response-steps", "; ".join(steps.lost()))]
+    return []
 
 
 def _share_known(time_s: FloatArray, temperature_degC: FloatArray, inside: NDArray[np.bool_]) -> float:

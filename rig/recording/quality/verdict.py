@@ -121,6 +121,7 @@ BLAMED: dict[str, str] = {
     "too-few-cycles": "test",
     "unsteady-motion": "test",
     "signal-incomplete": "test",
+    "response-steps": "test",
     "bandwidth": "test",
     "amplitude": "bench",
     "amplitude-scatter": "bench",
