@@ -33,6 +33,8 @@ FROM_CURRENT = (
     "The simulated rig ran faster than real time, so the times count from the start of the measured coil current."
 )
 WIDTH, HEIGHT = 320, 220
+LEADS = 3.0
+"""Standard uncertainties by which the force leads the current."""
 SHOWN = 3
 """Results that a remark names; it states the number of the others."""
 ARROW, DAGGER = "\N{RIGHTWARDS ARROW}", "\N{DAGGER}"
@@ -157,6 +159,11 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
         yield "The response overshoots its end"
     elif force["order"] == 2:
         yield "The response has two lags"
+    if test["current"] is None:
+        yield "The coil current is not measured, so the delay of the force behind it is not known"
+    behind = test["behind_current"]
+    if behind is not None and behind["value_s"] < -LEADS * behind["std_s"]:
+        yield "The force leads the measured coil current: the measurement of the current has a filter or a delay"
     if force["repeats_scatter"]:
         yield "The repeats scatter by more than the noise"
 

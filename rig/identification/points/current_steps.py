@@ -80,6 +80,8 @@ def lag_of(
     if response is None:
         response = _response_of(points)
     lags, refused = [lag for test in response if (lag := _in_motion(test)) is not None], list[str]()
+    for name in dict.fromkeys(test.id for test in response if test.current is not None and not test.current.fits):
+        refused.append(f"{name}: steps whose measured current follows no lag are not used")
     for point in points:
         if not point.at_rest:
             continue
@@ -121,7 +123,7 @@ def _response_of(points: Sequence[RecordedPoint]) -> Sequence[ResponseTest]:
 def _in_motion(test: ResponseTest) -> CurrentLag | None:
     """The lag of the measured current at the steps of a response test; None where it was not determined."""
     current = test.current
-    if current is None or not current.lag.measured:
+    if current is None or not current.lag.measured or not current.fits:
         return None
     lag_s, std_s = current.lag.value_s, current.lag.std_s
     known = math.isfinite(test.behind_s[0]) and math.isfinite(test.behind_s[1])

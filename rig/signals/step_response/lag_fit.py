@@ -78,6 +78,12 @@ class Group:
         """Samples of all records between two times (s)."""
         return int(np.count_nonzero((self._time_s >= begin_s) & (self._time_s <= end_s)))
 
+    @property
+    def resolution(self) -> float:
+        """Smallest difference of two values that differ."""
+        steps = np.diff(np.unique(np.concatenate([record.value for record in self.records])))
+        return float(np.min(steps)) if len(steps) else 0.0
+
     def gap_s(self, begin_s: float, end_s: float) -> float:
         """Interval between the last sample before a time and the first one after another (s)."""
         times_s = self._time_s

@@ -155,6 +155,25 @@ def test_a_step_within_the_noise_says_so() -> None:
     assert not any(time.measured for time in (seen.dead, seen.lag, *seen.fit, *seen.crossing))
 
 
+def test_a_noise_that_hides_the_course_of_the_response_says_so() -> None:
+    seen = step_response(records(1, 0.015, 0.002, 100.0, step_N=100.0, noise_N=30.0, window_s=0.2))
+    assert seen.why == "the noise is too strong to show the course of the response"
+    assert not any(time.measured for time in (*seen.fit, *seen.crossing))
+
+
+def test_a_sensor_with_a_few_steps_of_resolution_says_so_and_one_with_many_is_true() -> None:
+    """A current of 1 A in steps of 0.25 A, and of 0.05 A, without noise."""
+    rng = np.random.default_rng(0)
+    for step, known in ((0.25, False), (0.05, True)):
+        given = []
+        for _ in range(5):
+            time_s = np.arange(-0.1, 0.2, 0.002) + rng.uniform(0.0, 0.002)
+            given.append(Record(time_s, np.round(Lags(0.002, 0.012).reached(time_s) / step) * step))
+        seen = step_response(given, Seen(drifts=False))
+        assert seen.best(0).measured is known
+        assert ("resolution" in seen.why) is not known
+
+
 def test_commands_that_scatter_widen_the_intervals() -> None:
     """Origins that are off by 2 ms: the noise alone would give a tenth of that."""
     steady = records(5, 0.015, 0.003, 1000.0, count=8)
