@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -88,7 +89,7 @@ class TestPoint:
         id: name of the point.
         waveform: name of the waveform; `hold` where the rod is at rest or follows a simulated car.
         amplitude_m: of a signal the largest distance from the centre, of a hybrid test the largest extension forecast.
-        frequency_Hz: of a signal how often it crosses its mean upwards.
+        frequency_Hz: of a signal how often it crosses its mean upwards; of a record that is repeated, of its cycles.
         current_A: of stepped currents the largest of them; of a current that a law commands the highest it may command.
         cycles: at full amplitude, in addition to both ramps; the whole of a signal or of a hybrid test is one cycle.
         ramp_in_cycles, ramp_out_cycles: fade in and fade out.
@@ -196,8 +197,15 @@ class TestPoint:
         if self.endurance is None or not self.endurance.program_cycles or not self.current_programmed:
             return None
         return RepeatedProgram.of_steps(
-            self.steps_s, self.steps_A, self.frequency_Hz, self.ramp_in_cycles, self.endurance.program_cycles
+            self.steps_s, self.steps_A, self.frequency_Hz, self.first_cycle_s, self.endurance.program_cycles
         )
+
+    @property
+    def first_cycle_s(self) -> float:
+        """Start of the first cycle at full amplitude that begins at mid-travel (s since the start of the motion)."""
+        if self.record is not None:
+            return self.record.ramp_s
+        return math.ceil(self.ramp_in_cycles) / self.frequency_Hz
 
     @property
     def after_cycles(self) -> bool:
@@ -274,6 +282,9 @@ class TestPoint:
         if self.has_frequency:
             size = shown.displacement.text(self.amplitude_m)
             return f"{self.motion} {size} {self.rate(shown)} {current}"
+        if self.repeats_record:
+            size = shown.displacement.text(self.amplitude_m, 3)
+            return f"{self.motion} up to {size}, {1.0 / self.frequency_Hz:.4g} s per cycle, {current}"
         if self.current_by_law:
             current = f"up to {current} by {self.law}"
         size = shown.displacement.text(self.amplitude_m, 3)

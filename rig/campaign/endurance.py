@@ -19,7 +19,6 @@ from rig.matrix.model import Matrix
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.endurance import BlockPiece, EnduranceLedger, ledgers_of, read_piece, read_pieces
 from rig.recording.point_files import attempt_name, names_in
-from rig.signals.wear_trend import RULES
 from rig.test_point import ENDURANCE, TestPoint
 
 FORMAT = 1
@@ -138,7 +137,9 @@ class EnduranceBook:
         if point.endurance is None or point.kind != ENDURANCE:
             return point
         silent_s = FLUSH_S + 2.0 * bench.actuator.watchdog_s + LOSS_NOTICED_S
-        cycles = silent_s * bench.clock.device_rate * _rate_Hz(point) + bench.actuator.fade_out_cycles
+        cycles = silent_s * bench.clock.device_rate * point.frequency_Hz
+        if point.cyclic:  # a record is halted, not faded out
+            cycles += bench.actuator.fade_out_cycles
         return replace(point, endurance=point.endurance._replace(unseen_cycles=math.ceil(cycles)))
 
     def name_of(self, point: TestPoint, ids: Collection[str]) -> str:
@@ -169,13 +170,6 @@ class EnduranceBook:
                 write_text_durably(self._folder.endurance, text + "\n")
 
 
-def _rate_Hz(point: TestPoint) -> float:
-    """Cycles a second."""
-    if point.record is None:
-        return point.frequency_Hz
-    return point.cycles / max(point.record.duration_s - 2.0 * point.record.ramp_s, 1e-3)
-
-
 def summary_of(test: Mapping[str, Any]) -> str:
     """An endurance test in one line.
 
@@ -187,18 +181,5 @@ def summary_of(test: Mapping[str, Any]) -> str:
         parts.append(f"up to {test['cycles_unrecorded_at_most']:,} more cycles ran without a record")
     for rule in test["rules"]:
         if rule["value"] is not None:
-            parts.append(_rule_text(rule))
+            parts.append(rule["text"])
     return "; ".join(parts)
-
-
-def _rule_text(rule: Mapping[str, Any]) -> str:
-    """How far a stop rule is, and when it will be reached."""
-    kind, expected = RULES[rule["name"]], rule["forecast"]
-    if rule["relative"]:
-        text = f"{kind.words} {100 * rule['value']:.3g} % (limit {100 * rule['limit']:.3g} %"
-    else:
-        text = f"{kind.words} {rule['value']:.3g} degC (limit {rule['limit']:.3g} degC"
-    if expected["state"] == "trend":
-        cycles, low, high = (f"{float(f'{expected[key]:.3g}'):,.0f}" for key in ("cycles", "low", "high"))
-        text += f", forecast after {cycles} cycles, 95 % interval {low} to {high}"
-    return f"{text})"

@@ -54,6 +54,7 @@ class LiveDisplay:
                 "motion_s": item.point.motion_s, "kind": item.point.kind,
                 "cycles": item.point.ramp_in_cycles + item.point.cycles + item.point.ramp_out_cycles,
                 "ramp_in_cycles": item.point.ramp_in_cycles, "measured_cycles": item.point.cycles,
+                "endurance_test": None if item.point.endurance is None else item.point.endurance.test,
             }
             for item in plan.points
         ]  # fmt: skip

@@ -6,6 +6,7 @@ every check of the preflight is repeated. Valid points are kept, all others are 
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -21,11 +22,12 @@ from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, Refused
-from rig.matrix.model import Matrix
+from rig.matrix.model import Matrix, load_matrix
 from rig.recording.conversion.recovery import recover_held
 from rig.recording.hdf5.reading import check_values
 from rig.recording.journal.campaign_log import read_log
-from rig.recording.point_files import FILE, OLD_FILE
+from rig.recording.journal.journal_lock import campaign_held
+from rig.recording.point_files import FILE, OLD_FILE, names_in
 from rig.recording.quality.point_quality import LoopQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import ENDURANCE, TestPoint
@@ -246,6 +248,26 @@ def attempts_begun(folder: Path) -> dict[str, int]:
     if not CampaignFolder(folder).journal.is_file():
         return {}
     return Counter(str(event.get("point")) for event in read_log(folder) if event["event"] == "point")
+
+
+def renew_endurance(folder: Path) -> None:
+    """Write `endurance.json` of a campaign that does not run anew, by the files of its blocks and its journal.
+
+    Args:
+        folder: the campaign's directory; without a matrix file, or without an endurance test, nothing is written.
+
+    Raises:
+        FileProblem: the matrix file or the journal cannot be read.
+    """
+    file = CampaignFolder(folder).matrix
+    matrix = load_matrix(file) if file.is_file() else None
+    if matrix is None or not matrix.endurance:
+        return
+    with contextlib.suppress(Refused), campaign_held(folder):  # a running campaign writes its own
+        book = EnduranceBook(folder, matrix, attempts_begun(folder))
+        recorded = names_in(CampaignFolder(folder).points)
+        book.remaining(point for point in matrix.points() if point.kind == ENDURANCE or point.id not in recorded)
+        book.save()
 
 
 def with_blocks_counted(stock: Stock, points: tuple[TestPoint, ...], endurance: EnduranceBook) -> Stock:

@@ -21,8 +21,13 @@ if TYPE_CHECKING:
     from rig.matrix.plan import Plan
 
 
-def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
+def planned(matrix: Path, bench: Path, out: Path = LOGS) -> tuple[Plan, Matrix, Bench]:
     """The plan of a matrix file on a bench, and what both files contain.
+
+    Args:
+        matrix: the matrix file.
+        bench: the bench file.
+        out: folder in which the run would be created; the disk space of an endurance test is checked there.
 
     Raises:
         FileProblem: a file cannot be used, or what is to be identified cannot be.
@@ -41,7 +46,8 @@ def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
     overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
     result = plan(tests, loaded)
     if tests.endurance:
-        check_room(LOGS if LOGS.is_dir() else Path(), result, loaded, tests)
+        folder = next(place for place in (out.absolute(), *out.absolute().parents) if place.is_dir())
+        check_room(folder, result, loaded, tests)
     return replace(result, warnings=(*result.warnings, *overdue)), tests, loaded
 
 
@@ -59,9 +65,13 @@ def planned(matrix: Path, bench: Path) -> tuple[Plan, Matrix, Bench]:
     "--all", "everything", is_flag=True,
     help="Show every point. By default, long plans are summarised by group.",
 )
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), default=LOGS, show_default=True,
+    help="Folder in which the run would be created; the disk space for endurance tests is checked there.",
+)
 @junit_option
 @json_option
-def command(matrix: Path, bench: Path, everything: bool, junit: Path | None, as_json: bool) -> int:
+def command(matrix: Path, bench: Path, everything: bool, out: Path, junit: Path | None, as_json: bool) -> int:
     """Check every point of MATRIX against the limits of a bench, without connecting to any device.
 
     For each point outside the limits, the output shows the reasons and the largest amplitude within the limits; the
@@ -72,7 +82,7 @@ def command(matrix: Path, bench: Path, everything: bool, junit: Path | None, as_
     from rig.cli.tables import PlanText
 
     with junit_report(junit, "plan", matrix=matrix, bench=bench) as report:
-        result = planned(matrix, bench)[0]
+        result = planned(matrix, bench, out)[0]
         take_plan(report, result)
     if as_json:
         write_json(result.to_json())

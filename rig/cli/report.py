@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import click
@@ -9,7 +10,7 @@ import click
 from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import console, say, shown_path, write_json, write_pdf
-from rig.errors import EXIT_DONE
+from rig.errors import EXIT_DONE, FileProblem
 from rig.text_file import read_json
 
 
@@ -31,12 +32,15 @@ def command(run: Path, on_paper: bool, summary: bool, details: Path | None, as_j
     """Write report.html for RUN (a campaign folder) as one self-contained file, and show its table of forces."""
     _check_summary(summary, on_paper=on_paper)
     # load numba and numpy: not needed for the help
+    from rig.campaign.resume import renew_endurance
     from rig.cli.force_tables import show_recorded_tables
     from rig.matrix.report_table import load_details
     from rig.report.document import written_report
 
     report, document = written_report(run, None if details is None else load_details(details))
     path = report.resolve()
+    with contextlib.suppress(FileProblem):  # without its matrix file, the report is complete but for the stop rules
+        renew_endurance(path.parent)
     paper = write_pdf(document.sheets if summary else document, path) if on_paper else None
     if as_json:
         characteristics = read_json(CampaignFolder(path.parent).characteristics)

@@ -249,7 +249,8 @@ def following(tests: Matrix, simulator_args: tuple[str, ...], *, usual: bool) ->
     from rig.campaign.simulated_rig import STREAMED
 
     named = any(argument.partition("=")[0] in {"--actuator", "--register-map"} for argument in simulator_args)
-    follows = usual and (bool(tests.sweep.signals) or tests.hybrid is not None) and not named
+    records = bool(tests.sweep.signals) or any(test.is_record for test in tests.endurance)
+    follows = usual and (records or tests.hybrid is not None) and not named
     return (f"--actuator={STREAMED}", *simulator_args) if follows else simulator_args
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rig.campaign.confirmation import resume_command
-from rig.campaign.results import INVALID, NOT_RUN, RigState
+from rig.campaign.results import INVALID, NOT_RUN, VALID, RigState
 from rig.campaign.stop_cause import OPERATOR, StopCause
+from rig.recording.endurance import RUNNING
+from rig.test_point import ENDURANCE
 
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, PointResult, StopReport
@@ -32,11 +35,29 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
     elif result.stopped_by is not None:
         lines.append(("red", f"Stopped by {result.stopped_by}: {result.detail}"))
     elif result.valid < result.total:
-        missing = result.total - result.valid
-        what = "1 point is not valid. Run it" if missing == 1 else f"{missing} points are not valid. Run them"
-        lines.append(("yellow", f"{what} again with: {resume_command(result.campaign)}"))
+        lines += [("yellow", text) for text in _not_valid(result)]
     lines += [("yellow", f"{finding.slug}: {finding.text}") for finding in result.findings]
     return lines
+
+
+def _not_valid(result: CampaignResult) -> Iterator[str]:
+    """Points that are not valid: those that can be run again, and blocks of endurance tests, whose cycles were run."""
+    final = {test["id"] for test in result.endurance if test["state"] != RUNNING}
+    blocks = sum(
+        point.verdict not in {VALID, NOT_RUN} and point.point.kind == ENDURANCE and point.point.endurance is not None
+        and point.point.endurance.test in final
+        for point in result.points
+    )
+    if blocks:
+        which, whose = ("1 block", "Its") if blocks == 1 else (f"{blocks} blocks", "Their")
+        yield (
+            f"{which} of endurance tests {'is' if blocks == 1 else 'are'} not valid; the report states the reasons. "
+            f"{whose} cycles were run and are not repeated."
+        )
+    missing = result.total - result.valid - blocks
+    if missing:
+        what = "1 point is not valid. Run it" if missing == 1 else f"{missing} points are not valid. Run them"
+        yield f"{what} again with: {resume_command(result.campaign)}"
 
 
 def stopped_by(stop: StopReport, detail: str) -> str:

@@ -23,7 +23,7 @@ from rig.matrix.streaming import peaks, some
 from rig.signals.program_limits import MOST_STEPS, SHORTEST_HOLD_S
 from rig.signals.record import Record
 from rig.signals.sensor_filter import DELAY_TIMES_BANDWIDTH
-from rig.signals.waveform import waveform_named
+from rig.signals.waveform import SINE_ON_SINE, waveform_named
 from rig.test_point import ENDURANCE, HYBRID, RESPONSE, TestPoint
 from rig.units import show
 
@@ -361,7 +361,8 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
             text += f". Fix: --speed {count * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         elif point.waveform != "sweep":
             fits_Hz = 1.0 / (FEWEST_SETPOINTS * streamed_s * bench.clock.device_rate)
-            text += f'. Fix: highest_frequency = "{fits_Hz:.3g} Hz"'
+            key = "frequency" if point.waveform == SINE_ON_SINE else "highest_frequency"
+            text += f'. Fix: {key} = "{fits_Hz:.3g} Hz"'
         yield Reason("sampling", text)
 
 

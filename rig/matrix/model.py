@@ -158,8 +158,9 @@ class Matrix(ExtendedSection):
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
         apart: dict[str, Any] = {"identify": True, "display": True, "report": True, "line": True, "sweep": unused}
         text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
-        for table in self.sweep.signals.values():
-            for written, digest in table.hashes.items():
+        hashes = [*(table.hashes for table in self.sweep.signals.values()), *(test.hashes for test in self.endurance)]
+        for files in hashes:
+            for written, digest in files.items():
                 text = text.replace(json.dumps(written, ensure_ascii=False), json.dumps(digest))
         if self.acceptance is not None:
             text = text.replace(json.dumps(self.acceptance.bands, ensure_ascii=False), f'"{self.acceptance.sha256}"')

@@ -15,13 +15,15 @@ from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
 from rig.vehicle.road_file import road_names
 
 MOST_BYTES = 262_144
-Place = tuple[str, ...]
+Place = tuple[str | int, ...]
+"""Keys down to an entry; a number in a list of tables."""
 ROAD, RECORD, PRIOR = ("matrix", "road", "road"), ("matrix", "file", "file"), ("specimen", "prior")
 LOGO, BANDS, SPECIMENS = ("report", "logo"), ("acceptance", "bands"), ("line", "simulated")
 PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR, LOGO, BANDS, SPECIMENS)
-"""Entries that may name files."""
-SINGLE = frozenset({PRIOR, LOGO, BANDS, SPECIMENS})
-"""Those that name one file and not a list of them."""
+"""Entries that may name files, in addition to `file` of each `[[endurance]]`."""
+ENDURANCE = "endurance"
+LISTS = frozenset({ROAD, RECORD})
+"""Those that name a list of files and not one."""
 NESTED = ("profile", "drive")
 """Tables of a road file that name a CSV file beside it."""
 
@@ -42,9 +44,11 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 def named(data: Mapping[str, Any]) -> dict[Place, tuple[str, ...]]:
     """Files that the entries of `PLACES` name, by their entry."""
     result = {}
-    for place in PLACES:
+    tests = data.get(ENDURANCE)
+    of_tests = [(ENDURANCE, number, "file") for number in range(len(tests) if isinstance(tests, (list, tuple)) else 0)]
+    for place in (*PLACES, *of_tests):
         value = _entry(data, place)
-        names = (value,) if place in SINGLE else value
+        names = value if place in LISTS else (value,)
         if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
             result[place] = tuple(name for name in names if _is_file(place, name))
     return {place: names for place, names in result.items() if names}
@@ -57,23 +61,30 @@ def _is_file(place: Place, name: str) -> bool:
 
 def _entry(data: object, place: Place) -> object:
     for key in place:
-        data = data.get(key) if isinstance(data, Mapping) else None
+        if isinstance(data, (list, tuple)) and isinstance(key, int):
+            data = data[key]
+        else:
+            data = data.get(key) if isinstance(data, Mapping) else None
     return data
 
 
 def _renamed(data: Mapping[str, Any], names: Mapping[Place, Mapping[str, str]]) -> dict[str, Any]:
     """The data of a matrix file with its files renamed, and nothing else changed."""
-    result = dict(data)
+    result: Any = data
     for place, new in names.items():
-        table = result
-        for key in place[:-1]:
-            table[key] = dict(table[key])
-            table = table[key]
-        value = table[place[-1]]
-        table[place[-1]] = (
-            new.get(value, value) if isinstance(value, str) else type(value)(new.get(name, name) for name in value)
-        )
-    return result
+        result = _replaced_at(result, place, new)
+    return dict(result)
+
+
+def _replaced_at(data: Any, place: Place, new: Mapping[str, str]) -> Any:  # noqa: ANN401 - as it was read
+    """A copy of tables and lists in which the files of one entry are renamed."""
+    if not place:
+        return new.get(data, data) if isinstance(data, str) else type(data)(new.get(name, name) for name in data)
+    key, *rest = place
+    inner = _replaced_at(data[key], tuple(rest), new)
+    if isinstance(data, Mapping):
+        return {**data, key: inner}
+    return type(data)(inner if number == key else value for number, value in enumerate(data))
 
 
 def with_whole_names(text: str, folder: Path) -> str:

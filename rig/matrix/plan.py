@@ -219,6 +219,7 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         *sampling_hints(in_order, bench), *current_hints(matrix, bench), *skew_hints(in_order, bench),
         *amplitude_hints(in_order, adapted=matrix.sweep.adapt_amplitude), *gap_warnings(in_order, bench),
         *lost_answer_hints(bench), *hints,
+        *(hint for name, test in matrix.endurance_tests.items() for hint in test.hints(name)),
     )
     if specimen.assumed is not None:
         warnings += specimen.assumed.hints(item.point for item in points)

@@ -480,6 +480,8 @@ class PageServer:
             else:
                 changed = {name: one for name, one in self._sent_results.items() if before.get(name) != one}
                 texts += in_pieces({**RESULTS, "all": False}, changed)
+        if anew or "endurance" in parts:
+            texts.append(written(run.endurance()))
         self._known = run
         events = run.news()
         state = run.state() if anew else None
@@ -497,7 +499,8 @@ class PageServer:
         if run is not self._run:
             run.news()
         events = {"type": "events", "events": list(run.events), "all": True}
-        return [*described, *in_pieces(RESULTS, results), written(run.state()), written(events)]
+        endurance, state = written(run.endurance()), written(run.state())
+        return [*described, *in_pieces(RESULTS, results), endurance, state, written(events)]
 
     def _look_after(self, control: BenchControl) -> None:
         """What runs on the bench now; what has ended goes into its history."""

@@ -158,6 +158,11 @@ class WatchedRun:
             return {"type": "results", "points": read_json(live / RESULTS)}
         return {"type": "results", "points": {} if self.ended is None else self.ended.points}
 
+    def endurance(self) -> dict[str, Any]:
+        """The endurance tests: cycles, stop rules and trend of each, as after the last block."""
+        tests = [] if self.run is None else read_json(CampaignFolder(self.run).endurance).get("tests")
+        return {"type": "endurance", "tests": tests if isinstance(tests, list) else []}
+
     def recorded_file(self, point_id: str) -> Path | None:
         """The file of a recorded point, of a running campaign or one that has ended; None if there is none."""
         if self.ended is None:
@@ -183,7 +188,7 @@ class WatchedRun:
         return self._live is not None and self._differs(STATE, stamp(self._live / STATE))
 
     def grown(self) -> frozenset[str]:
-        """Which of `run`, `results` and `events` have changed since the last call."""
+        """Which of `run`, `results`, `events` and `endurance` have changed since the last call."""
         run, live = self.run, self._live
         if self._files[0] != (run, live):
             self._files = (run, live), _grow(run, live)
@@ -286,7 +291,9 @@ def _joined(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
             "number": after["number"]}
 
 
-PARTS = {PLAN: "run", DEVICES: "run", "station": "run", RESULTS: "results", "journal": "events"}
+PARTS = {
+    PLAN: "run", DEVICES: "run", "station": "run", RESULTS: "results", "journal": "events", "endurance": "endurance",
+}
 """Parts that are read again if a file has changed."""
 
 
@@ -296,7 +303,8 @@ def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
     if run is None:
         return files
     folder = CampaignFolder(run)
-    return {**files, "station": str(folder.station_config), "journal": str(folder.journal)}
+    own = {"station": folder.station_config, "journal": folder.journal, "endurance": folder.endurance}
+    return {**files, **{name: str(path) for name, path in own.items()}}
 
 
 def _described(points: list[dict[str, Any]], display: Display) -> list[dict[str, Any]]:

@@ -35,6 +35,8 @@ from rig.signals.wear_trend import (
 from rig.test_point import ENDURANCE, EnduranceStep
 from rig.text_file import read_json
 
+MOST_IN_TREND = 200
+"""Sections of a trend that `endurance.json` lists."""
 RUNNING, COMPLETE, ENDED = "running", "complete", "ended by a stop rule"
 
 
@@ -218,7 +220,17 @@ class EnduranceLedger:
             "baseline": highest.get("baseline"), "last": highest.get("last"),
             "levels": levels if len(levels) > 1 else [],
             "rules": [self._rule_json(rule) for rule in self.rules],
+            "trend": [self._trend_json(group) for group in self.sections.groups if len(group)],
         }  # fmt: skip
+
+    @staticmethod
+    def _trend_json(group: Sections) -> dict[str, Any]:
+        """Medians of the sections of cycles at one current, thinned evenly; None where one is not known."""
+        rows = np.unique(np.linspace(0, len(group) - 1, min(MOST_IN_TREND, len(group))).round().astype(np.int64))
+        known = np.isfinite(group.medians["current"])
+        level = float(np.median(group.medians["current"][known])) if np.any(known) else None
+        columns = {name: plain(group.medians[name][rows].tolist()) for name in QUANTITIES}
+        return {"current_A": level, "cycle": [round(number) for number in group.cycle[rows].tolist()], **columns}
 
     def _level_json(self, group: Sections) -> dict[str, Any]:
         return {
@@ -229,10 +241,11 @@ class EnduranceLedger:
     def _rule_json(self, rule: StopRule) -> dict[str, Any]:
         followed = self.followed(rule)
         change = followed.change
+        value, expected = _last_known(change), followed.forecast
         return {
-            "name": rule.name, "limit": rule.limit, "relative": rule.kind.relative,
-            "value": _last_known(change),
-            "forecast": dict(zip(("state", "cycles", "low", "high"), followed.forecast, strict=True)),
+            "name": rule.name, "limit": rule.limit, "relative": rule.kind.relative, "value": value,
+            "forecast": {**expected._asdict(), "reason": expected.reason or None},
+            "text": rule_text(rule, value, expected),
         }
 
     def followed(self, rule: StopRule) -> FollowedRule:
@@ -298,6 +311,27 @@ def performance_points(points: Iterable[RecordedPoint], test: str) -> Iterator[t
 
 def _motion(point: RecordedPoint) -> tuple[object, ...]:
     return point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, point.repeat
+
+
+def rule_text(rule: StopRule, value: float | None, expected: Forecast) -> str:
+    """How far a stop rule is, and when it will be reached, or why that is not known.
+
+    Args:
+        rule: the rule.
+        value: the last change toward its limit, as the limit is stated; None: unknown.
+        expected: the forecast.
+    """
+    scale, unit = (100.0, "%") if rule.kind.relative else (1.0, "degC")
+    limit = f"limit {scale * rule.limit:.3g} {unit}"
+    if value is None:
+        return f"{rule.kind.words} unknown ({limit}): {'no baseline yet' if rule.kind.relative else 'not measured'}"
+    text = f"{rule.kind.words} {scale * value or 0.0:.3g} {unit} ({limit}"
+    if expected.cycles is not None and expected.state == "trend":
+        cycles, low, high = (float(f"{one or 0.0:.3g}") for one in (expected.cycles, expected.low, expected.high))
+        text += f", forecast after {cycles:,.0f} cycles, 95 % interval {low:,.0f} to {high:,.0f}"
+    elif expected.reason:
+        text += f", no forecast: {expected.reason}"
+    return f"{text})"
 
 
 def _last_known(values: FloatArray) -> float | None:

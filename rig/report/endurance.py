@@ -117,8 +117,8 @@ def _forecast(expected: Forecast) -> tuple[str, str]:
     if expected.state == "trend":
         return _rounded(expected.cycles), f"{_rounded(expected.low)} to {_rounded(expected.high)}"
     if expected.state == "unknown":
-        return "too few cycles", NOTHING
-    return "no trend toward the limit", NOTHING if expected.low is None else f"not before {_rounded(expected.low)}"
+        return expected.reason, NOTHING
+    return expected.reason, NOTHING if expected.low is None else f"not before {_rounded(expected.low)}"
 
 
 def _rounded(cycles: float | None) -> str:

@@ -26,7 +26,7 @@ FEWEST_SAMPLES = 12
 COMPLETE_SHARE = 0.9
 """Of the usual number of samples in a cycle: a cycle with fewer was not recorded."""
 STEPS_A_CYCLE = 40
-"""Steps of the differences that speed is computed from."""
+"""Steps of the differences that speed is computed from, in a period of the motion's highest frequency."""
 EXTREME_SHARE = 1e-3
 """Of the samples that may be extreme at each end without moving the mean displacement."""
 ONE_CYCLE = 1.5
@@ -137,7 +137,8 @@ def repeated_bounds(first_s: float, period_s: float, end_s: float, most: int) ->
 
 
 def cycle_statistics(
-    samples: CycleSamples, bounds: CycleBounds, usual_samples: float, *, speed_varies: bool = True
+    samples: CycleSamples, bounds: CycleBounds, usual_samples: float, *, fastest_samples: float | None = None,
+    speed_varies: bool = True,
 ) -> dict[str, FloatArray]:
     """The statistics of each cycle, arrays (k,) by the names of `UNITS`, not-a-number where they cannot be determined.
 
@@ -145,6 +146,7 @@ def cycle_statistics(
         samples: those from the first cycle's start to the last one's end, or more.
         bounds: of the cycles.
         usual_samples: in a cycle; a cycle in which more than a tenth of them is missing has no statistics.
+        fastest_samples: in a period of the motion's highest frequency, from which speed is computed; None: in a cycle.
         speed_varies: within a half cycle, so that friction can be distinguished from viscous force.
     """
     if len(bounds.cycles) == 0:
@@ -152,7 +154,7 @@ def cycle_statistics(
     edges = np.searchsorted(samples.time_s, bounds.start_s, side="left")
     inside = slice(int(edges[0]), int(edges[-1]))
     sums = _Sums(edges[:-1] - edges[0], inside.stop - inside.start)
-    speed_m_s = _speed(samples.time_s, samples.displacement_m, usual_samples)[inside]
+    speed_m_s = _speed(samples.time_s, samples.displacement_m, fastest_samples or usual_samples)[inside]
     x, force_N, current_A, temperature_degC = (values[inside] for values in samples[1:])
     good = np.isfinite(x) & np.isfinite(force_N)
     complete = (sums.of(good.astype(np.float64)) >= max(FEWEST_SAMPLES, COMPLETE_SHARE * usual_samples)) & (
@@ -177,13 +179,13 @@ def cycle_statistics(
     }
 
 
-def _speed(time_s: FloatArray, displacement_m: FloatArray, usual_samples: float) -> FloatArray:
-    """Speed of each sample (n,), m/s: five-point difference, whose step grows with the samples in a cycle.
+def _speed(time_s: FloatArray, displacement_m: FloatArray, period_samples: float) -> FloatArray:
+    """Speed of each sample (n,), m/s: five-point difference, whose step grows with the samples in a period.
 
     Of a sine it loses (2 pi step / samples in a cycle)^4 / 30, at most 0.02 %; not-a-number beside missing samples.
     """
     speed = np.full(time_s.size, np.nan)
-    step = max(1, round(usual_samples / STEPS_A_CYCLE))
+    step = max(1, round(period_samples / STEPS_A_CYCLE))
     if time_s.size <= 4 * step:
         return speed
     x, middle = displacement_m, slice(2 * step, -2 * step)

@@ -41,10 +41,9 @@ class RepeatedProgram:
 
     @classmethod
     def of_steps(
-        cls, steps_s: Sequence[float], steps_A: Sequence[float], frequency_Hz: float, ramp_cycles: float, cycles: int
+        cls, steps_s: Sequence[float], steps_A: Sequence[float], frequency_Hz: float, begin_s: float, cycles: int
     ) -> RepeatedProgram:
         """The program whose `steps` a test point has."""
-        begin_s = math.ceil(ramp_cycles) / frequency_Hz
         end_s = begin_s + cycles / frequency_Hz - 1e-6
         within = [
             (at_s - begin_s, level_A) for at_s, level_A in zip(steps_s, steps_A, strict=True) if begin_s < at_s < end_s
@@ -59,16 +58,14 @@ class RepeatedProgram:
         """After which the program repeats itself (s)."""
         return self.cycles / self.frequency_Hz
 
-    def steps(self, ramp_cycles: float, cycles: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def steps(self, begin_s: float, cycles: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Times (s since the start of the motion, ramp included; 0 first) and currents (A) of the steps of a motion.
 
-        The program starts with the first cycle at full amplitude that begins at mid-travel.
-
         Args:
-            ramp_cycles: of the ramp, at the first current.
+            begin_s: of the program (s since the start of the motion); the first current applies before it.
             cycles: of the motion, at least one repetition of the program.
         """
-        begin_s, times_s, currents_A = math.ceil(ramp_cycles) / self.frequency_Hz, [0.0], [self.current_A[0]]
+        times_s, currents_A = [0.0], [self.current_A[0]]
         for repetition in range(math.ceil(cycles / self.cycles)):
             for at_s, level_A in zip(self.time_s, self.current_A, strict=True):
                 since_s = repetition * self.period_s + at_s

@@ -139,6 +139,10 @@ WAVEFORMS = {waveform.name: waveform for waveform in (SINE, TRIANGLE)}
 WAVEFORM_NAMES = tuple(WAVEFORMS)
 SIGNAL_NAMES = ("sweep", "road", "file")
 """Motions without cycles that a matrix may ask for: each a record (`rig.signals.record`), no waveform."""
+SINE_ON_SINE = "sine on sine"
+"""A sum of sines, which is commanded as a record: only of a block of an endurance test."""
+RECORD_NAMES = (*SIGNAL_NAMES, SINE_ON_SINE)
+"""Every motion that is a record."""
 
 
 def waveform_named(name: str) -> Waveform:
@@ -148,11 +152,11 @@ def waveform_named(name: str) -> Waveform:
         UnknownWaveform: there is none.
     """
     if not is_waveform(name):
-        known = ", ".join((*WAVEFORM_NAMES, *SIGNAL_NAMES))
+        known = ", ".join((*WAVEFORM_NAMES, *RECORD_NAMES))
         raise UnknownWaveform(f"unknown waveform {name!r:.40}; known: {known}")
     return WAVEFORMS.get(name, HOLD)
 
 
 def is_waveform(name: object) -> bool:
     """Whether a waveform, or a motion that is a record, has this name."""
-    return isinstance(name, str) and (name in WAVEFORMS or name == HOLD.name or name in SIGNAL_NAMES)
+    return isinstance(name, str) and (name in WAVEFORMS or name == HOLD.name or name in RECORD_NAMES)

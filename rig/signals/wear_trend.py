@@ -232,6 +232,13 @@ class Forecast(NamedTuple):
     low: float | None = None
     high: float | None = None
 
+    @property
+    def reason(self) -> str:
+        """Why there is no forecast, in words; empty where there is one."""
+        if self.state == "unknown":
+            return f"fewer than {FEWEST_SECTIONS} sections of cycles"
+        return "no significant trend toward the limit" if self.state == "none" else ""
+
 
 def forecast(cycle: FloatArray, change: FloatArray, limit: float) -> Forecast:
     """When the straight line through the last half of the sections reaches a limit (inverse regression, Fieller).

@@ -250,7 +250,7 @@ class ActionExecutor:
             point.centre_m,
             monotonic_ns(),
             RequestedMotion(point.waveform, point.frequency_Hz, self.campaign.bench.lvdt.rate_Hz),
-            point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
+            1.0 if point.record is not None else point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
             keep=point.kind == SIGNAL and self.campaign.matrix.sweep.iterate is not None,
         )
         if point.kind == HYBRID:

@@ -28,7 +28,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
 from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, LoadTrain
-from rig.signals.waveform import HOLD, SIGNAL_NAMES
+from rig.signals.waveform import HOLD, RECORD_NAMES
 from rig.station.safe_stop import ZERO_CURRENT_A
 
 _SATURATED = int(Input.VALVE_SATURATED)
@@ -115,7 +115,7 @@ class MotionMeasurement:
             None when its waveform is none, when there is not one full cycle, or no two cycles beside the ones next to a
             ramp agree on one.
         """
-        if self._kept == 0 or self._requested.waveform in {HOLD.name, *SIGNAL_NAMES}:
+        if self._kept == 0 or self._requested.waveform in {HOLD.name, *RECORD_NAMES}:
             return None
         samples, requested = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._requested
         clocked = bool(np.all(samples["device_us"] >= 0))
@@ -140,6 +140,7 @@ class Observer:
         device_s: the controller's clock at its last status (s); 0 before the first one.
         held_ns: when the last status arrived if it says that the controller holds; else 0.
         cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
+        program_ns: start of the program last awaited.
         kept: records of the program last awaited, if they were to be kept.
         ended_by: states in which the last motion was ended, `FADING` or `HALTING`; empty while it runs, and where it
             ended by itself.
@@ -153,6 +154,7 @@ class Observer:
     device_s: float = 0.0
     held_ns: int = 0
     cycles_done: int = 0
+    program_ns: int = 0
     currents_A: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=CURRENTS))
     wait: Wait | None = None
     load_train_change: str | None = None
@@ -221,7 +223,7 @@ class Observer:
         `keep`, all records until then are in `kept`: of a trial from which the next command is calculated.
         """
         pulses, held_ns, stopping, seen = self.last.get(Channel.PULSE, 0.0), 0, "", False
-        self.cycles_done = 0
+        self.cycles_done, self.program_ns = 0, since_ns
         self.kept.clear()
         self._load_train.begin()
         measurement = MotionMeasurement(requested)
@@ -244,6 +246,12 @@ class Observer:
             return None
 
         self.wait = wait
+
+    @property
+    def signal_s(self) -> float:
+        """Time (s) since the start of the signal that was awaited last, by its newest set-point; 0 before the first."""
+        recent = self.last_host_ns.get(Channel.SIGNAL_TIME, 0) >= self.program_ns
+        return self.last.get(Channel.SIGNAL_TIME, 0.0) if recent else 0.0
 
     def await_current(self, target_A: float, tolerance_A: float, since_ns: int) -> None:
         """Wait for `CurrentSettled`: the newest three measured currents after `since_ns` are within `tolerance_A`."""

@@ -434,7 +434,7 @@ class Runner:
         self._watch_wall_clock()
         state, observer = self.state, self._executor.observer
         running = state.phase is Phase.RUNNING
-        cycles = observer.cycles_done if running else 0
+        cycles = self._cycles_done() if running else 0
         left_s = sum(point.motion_s + point.rest_s for point in state.queue)
         left_s -= cycles / state.point.frequency_Hz if running else 0.0
         left_s += self._cooling_left_s() + self._trials_left_s()
@@ -442,6 +442,13 @@ class Runner:
         left_s /= self._campaign.bench.clock.device_rate
         live = {name: observer.last[channel] for name, channel in LIVE.items() if channel in observer.last}
         self._campaign.display.progress(point_id, cycles, left_s, live)
+
+    def _cycles_done(self) -> int:
+        """Whole cycles of the running program: of a record that is repeated, by the time since it began."""
+        point, observer = self.state.point, self._executor.observer
+        if not point.repeats_record:
+            return observer.cycles_done
+        return max(0, min(round(point.cycles), int((observer.signal_s - point.first_cycle_s) * point.frequency_Hz)))
 
     def _cooling_left_s(self) -> float:
         """Forecast time (s, rig's clock) until the damper is cool enough; 0 when it is not cooling down."""

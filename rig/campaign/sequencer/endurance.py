@@ -14,6 +14,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.state import State
 from rig.campaign.sequencer.stopping import Step
 from rig.campaign.words import say
+from rig.signals.repeated_record import RepeatedRecord
 from rig.test_point import ENDURANCE, TestPoint
 
 
@@ -24,10 +25,12 @@ def awaited(state: State) -> bool:
 
 def left_of(point: TestPoint, cycles_left: int) -> TestPoint:
     """A block of which only so many cycles are left."""
-    step = point.endurance
+    step, record = point.endurance, point.record
+    if isinstance(record, RepeatedRecord):
+        record = record.of_cycles(cycles_left)
     done = round(point.cycles) - cycles_left
     return replace(
-        point, cycles=cycles_left,
+        point, cycles=cycles_left, record=record,
         endurance=None if step is None else step._replace(cycles_before=step.cycles_before + done),
     )
 

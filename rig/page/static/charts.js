@@ -417,6 +417,33 @@ class TrendChart {
   }
 }
 
+// Medians of the cycles of an endurance test over their number.
+class WearChart {
+  constructor(box, id, quantity, name, lines) {
+    Object.assign(this, { quantity, name, lines, range: new Range(), cycles: [], columns: [] });
+    this.plot = new Plot(box, {
+      id, x_only: true, sync: "wear", quantities: ["plain", quantity], zoomed: show_zoom, lines: lines.map((line) => ({ colour: line.colour, width: 1.4, path: draw_with_dots })),
+      x: { label: "cycles", values: (plot, splits) => splits.map((split) => split.toLocaleString("en-US")) }, y: { label: name, size: 3.1 }, values: (plot, left) => this.values(left),
+    });
+    this.name_axes();
+  }
+  name_axes() { this.plot.options.y.label = with_unit_of(this.name, this.quantity); this.range = new Range(); this.plot.build(); }
+  draw(cycles, columns) { // numbers of cycles, and for each line its values (SI; null: unknown)
+    this.cycles = cycles; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
+    const all = this.columns.flat().filter(isFinite), y = all.length ? shown_range(this.quantity, [Math.min(...all), Math.max(...all)]) : [0, 0];
+    this.plot.box.closest("section").hidden = !all.length;
+    this.plot.draw(this.columns.map((values) => [cycles, values]), { x: [0, Math.max(1, 1.02 * cycles[cycles.length - 1] || 1)], y: this.range.follow(...y, Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs)))) });
+  }
+  values(left) {
+    const { x } = this.plot.shown_range(), at = x[0] + (x[1] - x[0]) * left / this.plot.plot.over.clientWidth;
+    if (!this.cycles.length) return null;
+    const after = Math.min(place_of(this.cycles, at), this.cycles.length - 1), place = after > 0 && at - this.cycles[after - 1] < this.cycles[after] - at ? after - 1 : after;
+    const values = this.lines.map((line, index) => isFinite(this.columns[index][place]) ? `${line.name} ${with_unit(this.quantity, this.columns[index][place])}` : `${line.name} –`);
+    return { text: [`${this.cycles[place].toLocaleString("en-US")} cycles`, ...values].join("\n") };
+  }
+}
+
+QUANTITIES.energy = { unit: "J", scale: 1, offset: 0, sign: 1 };
 QUANTITIES.plain = { unit: "", scale: 1, offset: 0, sign: 1 };
 function show_zoom(plot) {
   const button = plot.box.closest("section").querySelector(".reset");

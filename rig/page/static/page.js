@@ -58,6 +58,11 @@ const trends = [
   { chart: new TrendChart(by_id("plot-peaks"), "peaks", "force", "F", [{ name: "rebound", colour: "--now" }, { name: "compression", colour: "--second" }]), values: peaks_of },
   { chart: new TrendChart(by_id("plot-heat"), "heat", "temperature", "T", [{ name: "highest", colour: "--now" }, { name: "lowest", colour: "--second" }]), values: (one) => one.coil_degC ? [one.coil_degC[1], one.coil_degC[0]] : null },
 ];
+const wear = [
+  { chart: new WearChart(by_id("plot-wear-force"), "wear-force", "force", "F", [{ name: "rebound", colour: "--now" }, { name: "compression", colour: "--second" }]), columns: ["force_max", "force_min"] },
+  { chart: new WearChart(by_id("plot-wear-energy"), "wear-energy", "energy", "E", [{ name: "energy", colour: "--now" }]), columns: ["energy"] },
+  { chart: new WearChart(by_id("plot-wear-heat"), "wear-heat", "temperature", "T", [{ name: "coil", colour: "--now" }]), columns: ["temperature"] },
+];
 function peaks_of(one) { const found = [one.peak_force_rebound_N, one.peak_force_compression_N]; return found.every((value) => typeof value === "number") ? found : null; }
 const CHANNEL_NAMES = { 1: "force", 2: "displacement", 20: "displacement (controller)", 10: "current", 16: "current (commanded)", 11: "coil", 12: "ECU" };
 function called(channel) { const found = run && run.devices.find((one) => one.channel === channel); return CHANNEL_NAMES[channel] || (found ? found.name : String(channel)); }
@@ -96,7 +101,7 @@ function draw() {
 function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s(); }
 function take_display(display) { // units and signs of `[display]`
   for (const [name, { unit, scale, offset, sign }] of Object.entries(display || {})) QUANTITIES[name] = { unit: SYMBOLS[unit] || unit, scale, offset, sign };
-  for (const { chart } of [...loops, ...trends]) chart.name_axes();
+  for (const { chart } of [...loops, ...trends, ...wear]) chart.name_axes();
   strips.name_axes(); rows_of = null; by_id("peak-unit").textContent = `in ${QUANTITIES.force.unit}`;
 }
 const SYMBOLS = { degC: "°C", degF: "°F", K: "K" };
@@ -117,6 +122,38 @@ function draw_trends() {
     chart.draw(found);
   }
 }
+// The endurance test that runs, or ran last; of a current program, the cycles at its highest current are drawn.
+let endurance = [];
+function shown_test() {
+  const one = point(), running = one && endurance.find((test) => test.id === one.endurance_test);
+  return running || endurance.filter((test) => test.cycles_run > 0).pop() || endurance[0];
+}
+function draw_endurance() {
+  const test = shown_test();
+  by_id("endurance-box").hidden = !test;
+  if (!test) { for (const { chart } of wear) chart.plot.box.closest("section").hidden = true; return; }
+  const levels = test.trend || [], trend = levels[levels.length - 1] || {}, current = levels.length > 1 && typeof trend.current_A === "number" ? ` at ${trend.current_A.toFixed(2)} A` : "";
+  write("endurance-name", `– ${test.id}${test.ended_by ? ": ended by a stop rule" : test.state === "complete" ? ": complete" : ""}`);
+  by_id("endurance-rules").replaceChildren(...test.rules.map((rule) => element("li", rule.text, rule.value !== null && rule.value >= rule.limit ? "reached" : rule.value !== null && rule.value >= 0.7 * rule.limit ? "near" : "")));
+  for (const { chart, columns } of wear) {
+    const head = chart.plot.box.closest("section").querySelector("h2 span"), words = head.dataset.words || (head.dataset.words = head.textContent);
+    head.textContent = words + current;
+    chart.draw(trend.cycle || [], columns.map((name) => trend[name] || []));
+  }
+  endurance_cycles();
+}
+function endurance_cycles() { // counted ones, and those of the running block
+  const test = shown_test(); if (!test) return;
+  const one = point(), own = one && one.endurance_test === test.id && !state.ended;
+  const block = own ? Math.max(0, Math.min(one.measured_cycles, state.cycles - one.ramp_in_cycles)) : 0;
+  cycles_shown = Math.max(cycles_shown, Math.min(test.cycles_planned, test.cycles_run + Math.floor(block))); // a block that has ended is counted a little later
+  const done = cycles_shown, left = test.cycles_planned - done;
+  write("endurance-done", `${done.toLocaleString("en-US")} of ${test.cycles_planned.toLocaleString("en-US")} cycles`);
+  write("endurance-left", test.ended_by ? "" : `${left.toLocaleString("en-US")} left`);
+  const share = 100 * done / test.cycles_planned;
+  by_id("endurance-bar").setAttribute("aria-valuenow", share.toFixed(0)); by_id("endurance-bar").firstElementChild.style.width = `${share}%`;
+}
+let cycles_shown = 0;
 function few(ids) { return ids.length > 2 ? `${ids.length} points` : ids.join(", "); }
 function headings(old) {
   const shown_ids = selected.filter((each) => each && each.series).map((each) => each.id), one = old ? point(old.id) : null;
@@ -127,8 +164,9 @@ function headings(old) {
 
 function take(message) {
   if (message.type === "run") described(message);
-  else if (message.type === "state") { informed = true; if (state.ended && !message.ended) deselect_all(); state = message; progress(); confirmations(); buttons(); show_first(); show_entered(); if (pause_wanted && (state.ended || (state.paused && state.kind === "paused"))) pause_over(); }
+  else if (message.type === "state") { informed = true; if (state.ended && !message.ended) deselect_all(); state = message; progress(); endurance_cycles(); confirmations(); buttons(); show_first(); show_entered(); if (pause_wanted && (state.ended || (state.paused && state.kind === "paused"))) pause_over(); }
   else if (message.type === "results") { results = message.all === false ? { ...results, ...message.points } : message.points; matrix(); draw_trends(); refresh_selected(); show_first(); }
+  else if (message.type === "endurance") { endurance = message.tests; cycles_shown = 0; draw_endurance(); }
   else if (message.type === "events") events(message);
   else if (message.type === "standing") { standing = message; show_standing(); }
   else if (message.type === "answer") answered(message);
@@ -197,7 +235,7 @@ function answered(message) {
 }
 
 for (const button of document.querySelectorAll(".reset")) button.onclick = () => {
-  const plots = [...loops, ...trends].map(({ chart }) => chart.plot).concat(strips.lanes.map((lane) => lane.plot));
+  const plots = [...loops, ...trends, ...wear].map(({ chart }) => chart.plot).concat(strips.lanes.map((lane) => lane.plot));
   for (const plot of plots) if (button.closest("section").contains(plot.box) && plot.view) plot.reset();
 };
 by_id("close").onclick = () => say({ do: "close" });
@@ -219,7 +257,7 @@ document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") close_explanation();
 });
 
-function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); }
+function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); draw_endurance(); }
 dark.addEventListener("change", repaint);
 by_id("theme").onclick = () => { other_theme(); repaint(); };
 repaint(); connect(); setInterval(look_after, 250);

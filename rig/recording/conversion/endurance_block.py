@@ -35,7 +35,7 @@ from rig.test_point import TestPoint
 SAMPLES_AT_ONCE = 200_000
 BEFORE_THE_END_S = 10.0
 """Samples kept before the end of a block that was stopped or cut off."""
-AFTERWARDS = frozenset({"INTERRUPTED", "trip", "journal-damaged"})
+AFTERWARDS = frozenset({"INTERRUPTED", "trip", "journal-damaged", "signal-incomplete"})
 """Reasons for which a block is invalid as long as some of its cycles are missing."""
 LAST_S, STILL_SHARE = 0.1, 0.05
 """Time at the end of the samples over which a rod at rest moves less than this share of the amplitude."""
@@ -68,9 +68,7 @@ def reduced(
     if seen > requested:  # the last cycles of a long ramp reach the full amplitude
         bounds = CycleBounds(bounds.start_s[seen - requested :], bounds.cycles[seen - requested :])
     run = min(requested, max(bounds.run, _by_controller(alignment, point)))
-    usual = 0.0 if point.record is None else _period_s(point)
-    usual = (usual or 1.0 / point.frequency_Hz) * file.sample_rate_hz
-    statistics = _statistics(alignment, bounds, usual, speed_varies=point.shape.corner_share is None)
+    statistics = _statistics(alignment, bounds, point, file.sample_rate_hz)
     step = point.endurance
     before = 0 if step is None else step.cycles_before
     numbers = before + np.cumsum(bounds.cycles)
@@ -117,13 +115,7 @@ def _bounds(alignment: Alignment, point: TestPoint) -> CycleBounds:
     if signal is None:
         return NO_CYCLES
     _, window = signal
-    return repeated_bounds(window.evaluated_s[0], _period_s(point), window.evaluated_s[1], round(point.cycles))
-
-
-def _period_s(point: TestPoint) -> float:
-    """Duration of one repetition of the block's record (s)."""
-    record = point.record
-    return 0.0 if record is None else (record.duration_s - 2.0 * record.ramp_s) / max(1.0, point.cycles)
+    return repeated_bounds(window.evaluated_s[0], 1.0 / point.frequency_Hz, window.evaluated_s[1], round(point.cycles))
 
 
 def _by_controller(alignment: Alignment, point: TestPoint) -> int:
@@ -144,11 +136,13 @@ def _by_controller(alignment: Alignment, point: TestPoint) -> int:
 
 
 def _statistics(
-    alignment: Alignment, bounds: CycleBounds, usual_samples: float, *, speed_varies: bool
+    alignment: Alignment, bounds: CycleBounds, point: TestPoint, rate_Hz: float
 ) -> dict[str, FloatArray]:
     """The statistics of every cycle, computed over so many cycles at a time that memory stays bounded."""
     columns = ("displacement", "force", "current", "coil_temperature")
     collected: list[dict[str, FloatArray]] = []
+    usual_samples, fastest_samples = rate_Hz / point.frequency_Hz, rate_Hz / point.highest_Hz
+    speed_varies = point.shape.corner_share is None
     at_once = max(1, int(SAMPLES_AT_ONCE / max(usual_samples, 1.0)))
     time_s = np.asarray(alignment.time_s)
     for first in range(0, len(bounds.cycles), at_once):
@@ -156,7 +150,9 @@ def _statistics(
         begin, end = np.searchsorted(time_s, some.start_s[[0, -1]])
         rows = slice(max(0, int(begin) - SPARE_SAMPLES), min(len(time_s), int(end) + SPARE_SAMPLES))
         samples = CycleSamples(time_s[rows], *(np.asarray(alignment.values[name][rows]) for name in columns))
-        collected.append(cycle_statistics(samples, some, usual_samples, speed_varies=speed_varies))
+        collected.append(cycle_statistics(
+            samples, some, usual_samples, fastest_samples=fastest_samples, speed_varies=speed_varies
+        ))
     if not collected:
         return {name: np.zeros(0) for name in UNITS}
     return {name: np.concatenate([part[name] for part in collected]) for name in UNITS}

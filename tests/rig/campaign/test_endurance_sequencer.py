@@ -14,6 +14,8 @@ from rig.campaign.sequencer.state import Conditions, Drive, Phase, State, start_
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
+from rig.recording.endurance import rule_text
+from rig.signals.wear_trend import Forecast, StopRule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
 
@@ -144,6 +146,16 @@ def test_what_is_left_of_a_block_begins_where_it_was_interrupted() -> None:
 
 
 def test_the_temperature_of_a_stop_rule_is_stated_with_its_unit() -> None:
-    rule = {"name": "temperature", "relative": False, "value": 24.04, "limit": 90.0, "forecast": {"state": "none"}}
+    text = rule_text(StopRule("temperature", 90.0), 24.04, Forecast("none"))
+    rule = {"name": "temperature", "value": 24.04, "text": text}
     test = {"id": "wear", "cycles_run": 80, "cycles_planned": 480, "cycles_unrecorded_at_most": 0, "rules": [rule]}
-    assert summary_of(test) == "wear: 80 of 480 cycles; coil temperature 24 degC (limit 90 degC)"
+    expected = "coil temperature 24 degC (limit 90 degC, no forecast: no significant trend toward the limit)"
+    assert summary_of(test) == f"wear: 80 of 480 cycles; {expected}"
+
+
+def test_a_change_of_nothing_has_no_sign_and_an_unknown_one_its_reason() -> None:
+    rule = StopRule("force_down", 0.2)
+    assert rule_text(rule, -0.0, Forecast("unknown")) == (
+        "decrease of the peak force 0 % (limit 20 %, no forecast: fewer than 8 sections of cycles)"
+    )
+    assert rule_text(rule, None, Forecast("unknown")).endswith("unknown (limit 20 %): no baseline yet")

@@ -26,7 +26,7 @@ from rig.fits.entries import ErrorSummary, Estimate, Evaluation, ModelScore, Sol
 from rig.fits.fit_record import FitRecord
 from rig.matrix.model import load_matrix
 from rig.matrix.plan import plan
-from rig.test_point import TestPoint
+from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 PLAN = plan(load_matrix(EXAMPLES / "quick.toml"), Bench.load(EXAMPLES / "demo-bench.toml"))
@@ -191,6 +191,20 @@ def test_a_point_that_the_operator_stopped_is_nobodys_fault() -> None:
     assert "not finished: stopped by the operator" in first
     assert "amplitude" not in first
     assert "ecu-silent" in second
+
+
+def test_a_block_whose_cycles_were_run_is_not_offered_again() -> None:
+    console, text = terminal(is_terminal=False)
+    bad = result("invalid")
+    step = EnduranceStep("wear", 0, 100, 1, 100, 10)
+    bad = replace(bad, point=replace(bad.point, kind=ENDURANCE, endurance=step))
+    done = replace(campaign(bad), endurance=({"id": "wear", "state": "complete"},))
+    show_result(JobResult(done, None, None, None), console)
+    assert "1 block of endurance tests is not valid" in text.getvalue()
+    assert "--resume" not in text.getvalue()
+    running = replace(done, endurance=({"id": "wear", "state": "running"},))
+    show_result(JobResult(running, None, None, None), console)
+    assert "--resume" in text.getvalue()
 
 
 def test_points_that_are_not_valid_can_be_run_again_and_findings_are_shown() -> None:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rig.bench.model import Bench
+from rig.campaign.sequencer.endurance import left_of
 from rig.errors import FileProblem
+from rig.matrix import named_files
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import plan
+from rig.signals.repeated_record import RepeatedRecord
 from rig.test_point import ENDURANCE, LOOP
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -170,3 +175,95 @@ def test_a_wrong_current_program_is_named(tmp_path: Path, program: str, expected
         assert load(tmp_path, text).endurance[0].program is not None
     else:
         assert expected in problems(tmp_path, text)
+
+
+MIXED = TEST.replace("cycles = 1000", 'add = [{ amplitude = "1 mm", frequency = "10 Hz" }]\ncycles = 1000')
+STREAMED = ROOT / "examples" / "streamed-bench.toml"
+
+
+def road(folder: Path, duration_s: float = 8.0) -> str:
+    """A signal file, and a test that repeats it."""
+    time_s = np.arange(0.0, duration_s + 0.005, 0.01)
+    rows = "".join(f"{at_s:.2f},{8.0 * math.sin(4.0 * at_s):.4f}\n" for at_s in time_s)
+    (folder / "road.csv").write_text(f"time_s,displacement_mm\n{rows}", encoding="utf-8")
+    return re.sub(r"amplitude.*\nfrequency.*\n", 'file = "road.csv"\n', TEST).replace("block = 150", "block = 50")
+
+
+def test_a_sine_on_sine_is_a_record_of_common_periods(tmp_path: Path) -> None:
+    """4 Hz and 10 Hz repeat themselves together after 0.5 s."""
+    matrix = load(tmp_path, QUICK + MIXED)
+    block = next(point for point in matrix.points() if point.kind == ENDURANCE)
+    assert (block.frequency_Hz, block.cycles, block.cyclic) == (2.0, 133, False)
+    record = block.record
+    assert isinstance(record, RepeatedRecord)
+    assert record.duration_s - 2.0 * record.ramp_s == pytest.approx(133 * 0.5)
+    assert block.described.startswith("sine on sine 4 Hz + 10 Hz up to")
+    left = left_of(block, 30)
+    assert left.motion_s == pytest.approx(30 * 0.5 + 2.0 * record.ramp_s, abs=2e-3)
+    assert left.endurance is not None
+    assert left.endurance.cycles_before == 103
+
+
+def test_a_signal_file_is_repeated_and_counts_by_its_content(tmp_path: Path) -> None:
+    text = QUICK + road(tmp_path)
+    matrix = load(tmp_path, text)
+    blocks = [point for point in matrix.points() if point.kind == ENDURANCE]
+    assert blocks[0].motion_s == pytest.approx(50 * 8.0)
+    assert blocks[0].described.startswith("file road up to")
+    digest = matrix.digest
+    kept_text, files = named_files.kept(text, tmp_path)
+    assert files.keys() == {"road.csv"}
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "records").mkdir()
+    (tmp_path / "copy" / "records" / "road.csv").write_bytes(files["road.csv"])
+    assert load(tmp_path / "copy", kept_text).digest == digest
+    road(tmp_path, 8.5)
+    assert load(tmp_path, text).digest != digest
+
+
+def test_a_current_program_follows_the_repetitions_of_a_signal(tmp_path: Path) -> None:
+    program = 'current_program = [["0 s", "0 A"], ["16 s", "1 A"]]\ncurrent_period = "32 s"\n'
+    matrix = load(tmp_path, QUICK + road(tmp_path).replace('current = "1 A"\n', program))
+    block = next(point for point in matrix.points() if point.kind == ENDURANCE)
+    assert block.steps_s[:4] == (0.0, 16.0, 32.0, 48.0)
+    repeated = block.repeated_program
+    assert repeated is not None
+    assert (repeated.cycles, repeated.period_s, repeated.time_s) == (4, 32.0, (0.0, 16.0))
+    left = left_of(block, 3)
+    assert [at_s for at_s, _ in left.steps_in_motion] == [0.0, 16.0]
+
+
+def test_only_an_actuator_with_set_points_repeats_a_record(tmp_path: Path) -> None:
+    matrix = load(tmp_path, QUICK + MIXED.replace('"10 Hz"', '"5 Hz"'))
+    for bench, feasible in ((STREAMED, True), (ROOT / "examples" / "demo-bench.toml", False)):
+        planned = plan(matrix, Bench.load(bench))
+        blocks = [item for item in planned.points if item.point.kind == ENDURANCE]
+        assert {item.feasible for item in blocks} == {feasible}
+        assert feasible or {cause.slug for item in blocks for cause in item.causes} == {"waveform"}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (('"10 Hz" }', '"4 Hz" }'), "is the frequency of the base sine"),
+        (('"10 Hz" }', '"9.8696044 Hz" }'), "does not repeat within"),
+        (("cycles = 1000", 'waveform = "triangle"\ncycles = 1000'), "only to a sine, not to a triangle"),
+        (("cycles = 1000", 'ramp = "1 s"\ncycles = 1000'), "applies only with file"),
+        (("block = 150", "block = 5000"), "Fix: block = 1199"),
+        (("cycles = 1000", 'file = "road.csv"\ncycles = 1000'), "file is also specified"),
+        (("amplitude = \"10 mm\"\n", ""), "missing: amplitude"),
+    ],
+)
+def test_a_wrong_record_is_named(tmp_path: Path, change: tuple[str, str], expected: str) -> None:
+    road(tmp_path)
+    assert expected in problems(tmp_path, QUICK + MIXED.replace(*change))
+
+
+def test_a_signal_file_that_cannot_be_used_is_named_with_its_line(tmp_path: Path) -> None:
+    text = QUICK + road(tmp_path)
+    (tmp_path / "road.csv").write_text("time_s,displacement_mm\n0,1\n0.1,x\n0.2,3\n0.3,4\n", encoding="utf-8")
+    assert "endurance[1].file" in problems(tmp_path, text)
+    assert "line 3" in problems(tmp_path, text)
+    assert "no such file" in problems(tmp_path, text.replace("road.csv", "rood.csv"))
+    road(tmp_path, 400.0)
+    assert "block = 1" in problems(tmp_path, text)

@@ -19,6 +19,7 @@ from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fiel
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
 from rig.results.content import content_of
+from rig.signals.record import RecordFacts
 from rig.signals.wear_trend import NO_SECTIONS, StopRule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
@@ -36,16 +37,40 @@ def counted(done: np.ndarray) -> np.ndarray:
     return records
 
 
+def set_points(until_s: float) -> np.ndarray:
+    """Time and target of each set-point of a signal, every 10 ms from the motion's start to its end."""
+    elapsed_s = np.arange(0.0, min(until_s, (CYCLES + 2) / RIG.frequency_Hz) + 0.011, 0.01)
+    records = np.zeros((2, len(elapsed_s)), RECORD_DTYPE)
+    records["host_ns"] = np.round(1e9 * (RIG.start_s + elapsed_s))
+    records["device_us"] = -1
+    target_m = RIG.amplitude_m * np.sin(2.0 * np.pi * RIG.frequency_Hz * elapsed_s)
+    for row, (channel, value) in enumerate(
+        ((Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, target_m))
+    ):
+        records[row]["channel"], records[row]["value"] = channel, value
+    return records.ravel()
+
+
+def repeated(points: Path, *, until_s: float = np.inf, ended: bool = True, stopped_by: str | None = None) -> Path:
+    """The file of a block of a signal that is repeated, whose cycle is one of the synthetic rig's."""
+    facts = RecordFacts("road", (CYCLES + 2) / RIG.frequency_Hz, 1.0 / RIG.frequency_Hz, RIG.frequency_Hz)
+    return block(points, until_s=until_s, record=facts, more=set_points(until_s), ended=ended, stopped_by=stopped_by)
+
+
 def block(
     points: Path, *, name: str = "wear-b2", step: EnduranceStep = STEP, until_s: float = np.inf, ended: bool = True,
     stopped_by: str | None = None, count: np.ndarray | None = None, cycles: int = CYCLES, lost: slice | None = None,
+    record: RecordFacts | None = None, more: np.ndarray | None = None,
 ) -> Path:
     """Write a journal, have its file made, and return the file."""
     point = TestPoint(
         name, "sine", RIG.amplitude_m, RIG.frequency_Hz, RIG.current_A, cycles, 1.0, 1.0, kind=ENDURANCE, endurance=step
     )
+    if record is not None:
+        point = replace(point, waveform="file", record=record, ramp_in_cycles=0.0, ramp_out_cycles=0.0)
     context = RIG.context(point=point, provenance={"point": "wear-b2", "attempt": "1"})
-    records = RIG.records() if count is None else np.concatenate([RIG.records(), counted(count)])
+    added = [counted(count)] if count is not None else [] if more is None else [more]
+    records = np.concatenate([RIG.records(), *added])
     records = records[np.argsort(records["host_ns"], kind="stable")]
     records = records[records["host_ns"] < 1e9 * (RIG.start_s + until_s)]
     if lost is not None:
@@ -159,6 +184,27 @@ def test_cycles_whose_samples_are_missing_were_run_all_the_same(tmp_path: Path) 
     assert piece is not None
     assert piece.run == CYCLES
     assert CYCLES - 6 <= piece.recorded <= CYCLES - 3
+
+
+def test_the_cycles_of_a_repeated_signal_are_counted_by_its_set_points(tmp_path: Path) -> None:
+    file = repeated(tmp_path / "points")
+    piece, columns = read_piece(file), read_cycles(file)
+    assert piece is not None
+    assert columns is not None
+    assert (piece.run, piece.recorded, piece.unseen) == (CYCLES, CYCLES, 0)
+    assert columns["number"].tolist() == list(range(101, 101 + CYCLES))
+    assert columns["period"] == pytest.approx(1.0 / RIG.frequency_Hz, abs=1e-9)
+    assert columns["stiffness"][1:-1] == pytest.approx(RIG.stiffness, rel=0.02)
+    area_J = np.pi * RIG.damping * RIG.amplitude_m**2 * 2.0 * np.pi * RIG.frequency_Hz
+    assert columns["energy"][1:-1] == pytest.approx(area_J, rel=0.01)
+
+
+@pytest.mark.parametrize("stopped_by", [None, "ecu-silent"])
+def test_a_repeated_signal_that_was_interrupted_counts_its_whole_cycles(tmp_path: Path, stopped_by: str | None) -> None:
+    until_s, ended = (1.0 + 12.6) / RIG.frequency_Hz, stopped_by is not None
+    piece = read_piece(repeated(tmp_path / "points", until_s=until_s, ended=ended, stopped_by=stopped_by))
+    assert piece is not None
+    assert (piece.run, piece.recorded, piece.verdict) == (12, 12, "invalid")
 
 
 def test_ramps_are_no_cycles_of_the_test(tmp_path: Path) -> None:

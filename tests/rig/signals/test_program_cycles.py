@@ -21,11 +21,11 @@ def test_without_a_cycle_at_constant_current_each_cycle_of_the_program_is_a_grou
     assert within.means_A.tolist() == pytest.approx([0.5])
 
 
-@pytest.mark.parametrize("ramp", [1.0, 0.5, 2.5])
-def test_the_program_is_read_from_the_steps_of_a_point(ramp: float) -> None:
-    steps = PROGRAM.steps(ramp, 40)
-    assert steps[0][:3] == (0.0, np.ceil(ramp) / 4.0 + 2.0, np.ceil(ramp) / 4.0 + 4.0)
-    read = RepeatedProgram.of_steps(*steps, 4.0, ramp, 16)
+@pytest.mark.parametrize("begin_s", [0.25, 0.0, 0.7])
+def test_the_program_is_read_from_the_steps_of_a_point(begin_s: float) -> None:
+    steps = PROGRAM.steps(begin_s, 40)
+    assert steps[0][:3] == (0.0, begin_s + 2.0, begin_s + 4.0)
+    read = RepeatedProgram.of_steps(*steps, 4.0, begin_s, 16)
     assert read.time_s == pytest.approx(PROGRAM.time_s)
     assert read.current_A == PROGRAM.current_A
 
