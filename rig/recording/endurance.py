@@ -35,6 +35,8 @@ from rig.signals.wear_trend import (
 from rig.test_point import ENDURANCE, EnduranceStep
 from rig.text_file import read_json
 
+READ = frozenset({"number", PROGRAM_CYCLE, *QUANTITIES})
+"""Statistics of the cycles that the sections are made from."""
 MOST_IN_TREND = 200
 """Sections of a trend that `endurance.json` lists."""
 RUNNING, COMPLETE, ENDED = "running", "complete", "ended by a stop rule"
@@ -83,7 +85,7 @@ def piece_of(recorded: RecordedPoint, file: Path) -> BlockPiece | None:
     step, counted = recorded.endurance, recorded.quality.endurance
     if recorded.kind != ENDURANCE or step is None or counted is None:
         return None
-    columns = read_cycles(file) or {}
+    columns = read_cycles(file, READ) or {}
     numbers = np.asarray(columns.get("number", ()), np.float64)
     nothing = np.full(numbers.size, np.nan)
     statistics = {name: np.asarray(columns.get(name, nothing), np.float64) for name in QUANTITIES}

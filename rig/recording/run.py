@@ -9,6 +9,7 @@ import html
 import math
 import operator
 import os
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -26,6 +27,7 @@ from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.views import Over, loops_figure, run_dataset
 from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
+from rig.test_point import ENDURANCE
 from rig.text_file import read_json
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 TEXTS = ("id", "waveform", "verdict")
 MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
+BLOCK_NAME = re.compile(r"-b\d+(-attempt\d+)?$")
+"""Names of the files of blocks of endurance tests; other points may have such names, too."""
 MOST_IDS = 12
 """Ids of points that a message lists."""
 EXACT = 1e-6
@@ -243,7 +247,7 @@ class Run:
         problems: list[tuple[str, str]] = []
         for file in files:
             try:
-                points.append(RecordedPoint.open(file))
+                points.append(_opened(file))
             except FileProblem as error:
                 problems += [(file.stem, problem) for problem in error.problems]
         if not points:
@@ -315,6 +319,21 @@ class Run:
             "lost_samples", "skew_s", "skew_std_s", "path",
         )
         return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in (*self.points, *self.apart)])
+
+
+def _opened(file: Path) -> RecordedPoint:
+    """A point of a run; all of its file is checked, but for blocks of endurance tests, of which there are thousands.
+
+    Of these, what is read later is checked then.
+
+    Raises:
+        FileProblem: as `RecordedPoint.open`.
+    """
+    if BLOCK_NAME.search(file.stem):
+        point = RecordedPoint.open(file, whole=False)
+        if point.kind == ENDURANCE:
+            return point
+    return RecordedPoint.open(file)
 
 
 def _stem(point: RecordedPoint) -> str:

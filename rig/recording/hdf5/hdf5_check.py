@@ -46,12 +46,13 @@ _checked: set[tuple[int, int, int, int]] = set()
 """Files already walked: device, inode, size and time of change."""
 
 
-def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
+def check_file(path: Path, groups: Iterable[str] | None = None, tree: str = "") -> h5py.File:
     """Open a point's file for reading after walking all of it, once for as long as it does not change.
 
     Args:
         path: the file.
         groups: check only that these are groups of the file itself; for a reader of nothing but their attributes.
+        tree: with `groups`, one of them of which everything is checked.
 
     Returns:
         The open `h5py.File`; the caller closes it.
@@ -75,19 +76,21 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
         return file
     if groups is not None:
         _check_groups(file, path, groups)
-        return file
+        if not tree:
+            return file
     walk = _Walk(status.st_size)
     try:
-        walk.group(file["/"].id, "")
+        walk.group(file[tree or "/"].id, tree and f"/{tree}")
     except DAMAGE as error:
         walk.problems.append(f"damaged: {error}")
     problems = walk.problems + walk.bomb()
     if problems:
         file.close()
         raise FileProblem(str(path), problems)
-    if len(_checked) >= MOST_REMEMBERED:
-        _checked.clear()
-    _checked.add(identity)
+    if not tree:
+        if len(_checked) >= MOST_REMEMBERED:
+            _checked.clear()
+        _checked.add(identity)
     return file
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ MEMORY_OF_A_SAMPLE = 200
 """Bytes of memory needed per sample to evaluate a point."""
 
 
+CYCLES = "entry/cycles"
 DESCRIBED = tuple(f"entry/{name}" for name in ("test", "quality", "provenance", "data"))
 """The groups whose attributes describe a point."""
 
@@ -164,28 +165,33 @@ def read_raw(path: Path, name: str) -> dict[str, NDArray[Any]] | None:
     return _columns(path, f"entry/raw/{name}")
 
 
-def read_cycles(path: Path) -> dict[str, NDArray[Any]] | None:
+def read_cycles(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]] | None:
     """The statistics of every cycle of an endurance block (k,) by name; None of any other point.
+
+    Args:
+        path: the file.
+        names: read, and check, only these columns and nothing else of a file of one's own campaign; None: all of them.
 
     Raises:
         FileProblem: the file cannot be trusted, the columns differ in length, or the numbers of the cycles are missing.
     """
-    columns = _columns(path, "entry/cycles")
+    columns = _columns(path, CYCLES, names)
     if columns is not None and "number" not in columns:
         raise FileProblem(str(path), ["/entry/cycles: the column number is missing"])
     return columns
 
 
-def _columns(path: Path, place: str) -> dict[str, NDArray[Any]] | None:
-    """The columns of a group (n,) by name; None if there is no such group.
+def _columns(path: Path, place: str, names: Collection[str] | None = None) -> dict[str, NDArray[Any]] | None:
+    """The columns of a group (n,) by name, of `names` those that exist; None if there is no such group.
 
     Raises:
         FileProblem: the file cannot be trusted, or the columns differ in length.
     """
-    with opened(path) as file:
+    with opened(path, None if names is None else (place,), "" if names is None else place) as file:
         if place not in file:
             return None
-        columns = {key: _values(path, dataset) for key, dataset in file[place].items()}
+        group = file[place]
+        columns = {key: _values(path, group[key]) for key in group if names is None or key in names}
     if len({len(column) for column in columns.values()}) > 1:
         lengths = {key: len(column) for key, column in columns.items()}
         raise FileProblem(str(path), [f"/{place}: columns of different lengths: {lengths}"])
@@ -218,13 +224,13 @@ def read_events(path: Path) -> list[tuple[int, str, str]]:
 
 
 @contextmanager
-def opened(path: Path, groups: Iterable[str] | None = None) -> Iterator[h5py.File]:
-    """The checked HDF5 file, closed afterwards; only `groups` of it are checked where that is all that is read.
+def opened(path: Path, groups: Iterable[str] | None = None, tree: str = "") -> Iterator[h5py.File]:
+    """The checked HDF5 file, closed afterwards; only `groups` (of `tree` everything) are checked if no more is read.
 
     Raises:
         FileProblem: it cannot be trusted, is of a newer format, or lacks the layout's groups.
     """
-    file = check_file(path, groups)
+    file = check_file(path, groups, tree)
     try:
         version = _number(file.attrs.get("format_version"))
         if version is None or version > FORMAT_VERSION:
