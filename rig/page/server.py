@@ -499,8 +499,9 @@ class PageServer:
         if run is not self._run:
             run.news()
         events = {"type": "events", "events": list(run.events), "all": True}
-        endurance, state = written(run.endurance()), written(run.state())
-        return [*described, *in_pieces(RESULTS, results), endurance, state, written(events)]
+        endurance = run.endurance()
+        tests = [written(endurance)] if endurance["tests"] else []
+        return [*described, *in_pieces(RESULTS, results), *tests, written(run.state()), written(events)]
 
     def _look_after(self, control: BenchControl) -> None:
         """What runs on the bench now; what has ended goes into its history."""

@@ -530,3 +530,29 @@ def test_the_ring_is_only_read(rig: Rig) -> None:
     served(rig, do)
     assert rig.ring.recorder_cursor == before == 0
     assert rig.ring.overruns == 0
+
+
+def test_the_endurance_tests_of_a_run_are_sent_and_sent_again_after_a_block(rig: Rig) -> None:
+    file = rig.run / "endurance.json"
+
+    def write(cycles: int) -> None:
+        file.write_text(json.dumps({"format": 1, "tests": [{"id": "wear", "cycles_run": cycles}]}), encoding="utf-8")
+
+    async def cycles(connection: ClientConnection) -> int:
+        while True:
+            text = await connection.recv()
+            reported = json.loads(text) if isinstance(text, str) else {}
+            if reported.get("type") == "endurance":
+                return int(reported["tests"][0]["cycles_run"])
+
+    async def do(page: PageServer, access: Access) -> None:
+        write(40)
+        async with opened(access, Role.VIEWER, "v") as viewer:
+            assert await cycles(viewer) == 40
+            sending = asyncio.create_task(page.send())
+            write(800)
+            while await cycles(viewer) != 800:
+                pass
+            sending.cancel()
+
+    served(rig, do)
