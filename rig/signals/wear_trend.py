@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from rig.signals.arrays import BoolArray, FloatArray, IntArray
+from rig.signals.delay_estimation.sample_match import student
 
 SECTIONS_A_BLOCK = 10
 FEWEST_CYCLES = 10
@@ -23,7 +24,10 @@ FEWEST_SECTIONS = 8
 """For a forecast."""
 RECENT_SHARE = 0.5
 """Of the sections, the last ones that a forecast is made from: wear is a straight line only for a while."""
-CONFIDENCE = 0.95
+NORMAL = 1.959964
+"""Quantile of the normal distribution for an interval of 95 %."""
+T_OF_FEW = (12.7062, 4.3027)
+"""Of Student's t with 1 and 2 degrees of freedom, where the expansion of `student` is too small by up to a quarter."""
 STRONGEST_CORRELATION = 0.95
 VISIBLE, FEWEST_FOR_SCATTER, NORMAL_OF_MAD = 3.0, 4, 1.4826
 """A baseline is so many standard deviations of its sections at least, where it has so many; by the median deviation."""
@@ -260,8 +264,6 @@ def forecast(cycle: FloatArray, change: FloatArray, limit: float) -> Forecast:
     x, y = x[-recent:], y[-recent:]
     if y.size < FEWEST_SECTIONS or np.ptp(x) == 0.0:
         return Forecast("unknown")
-    from scipy.special import stdtrit  # loads scipy: only where a forecast can be made
-
     middle, level = float(np.mean(x)), float(np.mean(y))
     spread = float(np.sum((x - middle) ** 2))
     slope = float(np.sum((x - middle) * (y - level))) / spread
@@ -271,8 +273,14 @@ def forecast(cycle: FloatArray, change: FloatArray, limit: float) -> Forecast:
     correlation = min(max(correlation, 0.0), STRONGEST_CORRELATION)
     inflation = (1.0 + correlation) / (1.0 - correlation)
     variance = inflation * float(np.sum(left**2)) / (y.size - 2)
-    t2 = float(stdtrit(max(1.0, y.size / inflation - 2.0), 0.5 * (1.0 + CONFIDENCE))) ** 2
+    t2 = _student(y.size / inflation - 2.0) ** 2
     return _fieller(middle, level - limit, slope, t2 * variance / y.size, t2 * variance / spread, float(x[-1]))
+
+
+def _student(freedom: float) -> float:
+    """Quantile of Student's t for an interval of 95 %; of the next lower whole number of degrees of freedom."""
+    whole = max(1, math.floor(freedom))
+    return T_OF_FEW[whole - 1] if whole <= len(T_OF_FEW) else NORMAL * student(whole)
 
 
 def _fieller(middle: float, above: float, slope: float, level2: float, slope2: float, last: float) -> Forecast:

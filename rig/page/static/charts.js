@@ -432,7 +432,7 @@ class WearChart {
     this.cycles = cycles; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
     const all = this.columns.flat().filter(isFinite), y = all.length ? shown_range(this.quantity, [Math.min(...all), Math.max(...all)]) : [0, 0];
     this.plot.box.closest("section").hidden = !all.length;
-    this.plot.draw(this.columns.map((values) => [cycles, values]), { x: [0, Math.max(1, 1.02 * cycles[cycles.length - 1] || 1)], y: this.range.follow(...y, Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs)))) });
+    this.plot.draw(this.columns.map((values) => [cycles, values]), { x: [0, Math.max(1, 1.12 * cycles[cycles.length - 1] || 1)], y: this.range.follow(...y, Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs)))) });
   }
   values(left) {
     const { x } = this.plot.shown_range(), at = x[0] + (x[1] - x[0]) * left / this.plot.plot.over.clientWidth;

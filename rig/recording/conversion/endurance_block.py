@@ -32,7 +32,7 @@ from rig.signals.cycle_statistics import (
 from rig.signals.program_cycles import PROGRAM_CYCLE
 from rig.test_point import TestPoint
 
-SAMPLES_AT_ONCE = 200_000
+SAMPLES_AT_ONCE = 50_000
 BEFORE_THE_END_S = 10.0
 """Samples kept before the end of a block that was stopped or cut off."""
 AFTERWARDS = frozenset({"INTERRUPTED", "trip", "journal-damaged", "signal-incomplete"})
