@@ -41,6 +41,7 @@ FIRST = datetime(2026, 1, 1, tzinfo=UTC)
 CHOSEN = {
     "${__from:date:iso}": "2025-01-01T00:00:00.000Z", "${__to:date:iso}": "2035-12-31T00:00:00.000Z",
     "${quantity}": "rebound_force", "${motion}": "sine 30 mm 2 Hz", "${current}": "0.5", "${parameter}": "Fya",
+    "${simulated}": "excluded",
 }  # fmt: skip
 
 

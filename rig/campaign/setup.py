@@ -276,6 +276,8 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
     hashes: dict[str, Any] = {"bench": "" if bench is None else bench.digest, "matrix": matrix.digest}
     if files := kept_hashes(folder):
         hashes["files"] = files
+    if matrix.acceptance is not None:
+        hashes["acceptance"] = matrix.acceptance.digest
     file = CampaignFolder(folder).description
     before = read_campaign(folder) if file.is_file() else {}
     description: dict[str, Any] = {

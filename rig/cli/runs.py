@@ -16,12 +16,11 @@ from rig.cli.output import console, progress_bar, show, write_json
 from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.point_files import unfinished
-from rig.recording.tested_specimens import SpecimenVerdict
+from rig.recording.tested_specimens import NO_BANDS, SpecimenVerdict
 from rig.results.run_index import VERDICTS, RunFilter, listed
 
 WIDE = 110
 """Columns from which specimen and date, which are part of most names, have columns of their own."""
-NOT_TESTED = str(SpecimenVerdict.NOT_TESTED)
 MOST_SHOWN = 200
 """Rows of the table; the last ones."""
 
@@ -79,7 +78,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     if not runs:
         shown.print(f"no matching runs in {folder}", markup=False)
         return
-    tested = any(run["specimen_verdict"] != NOT_TESTED for run in runs)
+    tested = any(run["specimen_verdict"] != NO_BANDS for run in runs)
     wide, unfinished = shown.width >= WIDE, any(run["unfinished"] and not run["running"] for run in runs)
     head = [
         Column("run"), *((Column("specimen"), Column("started")) if wide else ()), Column("verdict"),
@@ -113,6 +112,7 @@ def _outcome(run: dict[str, Any]) -> str:
 
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
+    from rig.matrix.acceptance_table import has_acceptance  # loads pydantic
     from rig.recording.endurance import withdrawn_points  # loads numpy
     from rig.recording.run import Run, planned_points, read_campaign  # the same
     from rig.recording.tested_on import when_tested  # the same
@@ -120,7 +120,8 @@ def _summary(place: Path) -> dict[str, Any]:
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
         "planned": 0, "valid": 0, "unfinished": 0, "out_of_tolerance": 0, "apart": 0, "nrmse_percent_of_peak": None,
-        "specimen_verdict": NOT_TESTED, "remark": "",
+        "specimen_verdict": str(SpecimenVerdict.NOT_TESTED) if has_acceptance(place) else NO_BANDS,
+        "remark": "",
     }  # fmt: skip
     try:
         summary["unfinished"] = len(unfinished(CampaignFolder(place).points))
@@ -136,7 +137,8 @@ def _summary(place: Path) -> dict[str, Any]:
         summary |= {"points": len(verdicts), "valid": verdicts.count("valid")}
         summary |= dict.fromkeys(("out_of_tolerance", "apart"), len(run.apart))
         summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")
-        summary["specimen_verdict"] = _specimen_verdict(CampaignFolder(place).acceptance)
+        if (verdict := CampaignFolder(place).acceptance).is_file():
+            summary["specimen_verdict"] = _specimen_verdict(verdict)
         summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(CampaignFolder(place).fit)
     except FileProblem as error:
         name = f"{Path(error.file).name}: " if error.file.endswith(".json") else ""
@@ -147,13 +149,11 @@ def _summary(place: Path) -> dict[str, Any]:
 
 
 def _specimen_verdict(path: Path) -> str:
-    """The verdict on the specimen; `not-tested` without acceptance bands.
+    """The verdict on the specimen in a file.
 
     Raises:
         FileProblem: the file is damaged.
     """
-    if not path.is_file():
-        return NOT_TESTED
     from rig.comparison.specimen import read_specimen  # here: a list without acceptance bands loads no scipy
 
     return str(read_specimen(path.parent).verdict)

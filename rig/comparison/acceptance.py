@@ -194,7 +194,10 @@ def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> 
 
 @dataclass(frozen=True)
 class _Value:
-    """A reading with what it is and where it was found; `why` where it cannot be used."""
+    """A reading with what it is and where it was found; `why` where it cannot be used.
+
+    `lost_repeats` are the planned repeats that are not in it.
+    """
 
     quantity: str
     unit: str
@@ -203,6 +206,7 @@ class _Value:
     points: tuple[str, ...] = ()
     why: str = ""
     loop: LoopReading | None = None
+    lost_repeats: tuple[str, ...] = ()
 
     @property
     def motion(self) -> Motion | None:
@@ -241,7 +245,8 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
     for loop in loops:
         known = loop.values.get(key)
         why = "these points do not allow this measurement" if known is None else ""
-        yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
+        lost = run.lost_repeats.get(loop.ids, ())
+        yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop, lost)
     for loop in _chosen(key, band, run.missing):
         yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point with this motion is valid", loop)
     if run.planned is not None and band.where:
@@ -289,7 +294,7 @@ def _result(bands: Bands, band: Band, run: RunReadings, value: _Value) -> Result
     return _evaluated(Result(
         value.quantity, run.name, value.where, value.points, value.reading.value, value.reading.expanded,
         band.low, band.high, value.unit, State.MISSING, value.why, band.note, motion=value.motion,
-    ), bands, complete=value.reading.complete)
+    ), bands, complete=value.reading.complete, lost_repeats=value.lost_repeats)
 
 
 def _changed(
@@ -314,7 +319,7 @@ def _changed(
     return _evaluated(Result(
         value.quantity, run.name, value.where, value.points, known.percent, 2.0 * known.percent_std, -most, most,
         PERCENT, State.MISSING, why, band.note, change=True, motion=value.motion,
-    ), bands, complete=math.isfinite(known.percent_std))
+    ), bands, complete=math.isfinite(known.percent_std), lost_repeats=value.lost_repeats)
 
 
 def _before(
@@ -328,11 +333,14 @@ def _before(
     return None if loop is None else loop.values.get(key)
 
 
-def _evaluated(result: Result, bands: Bands, *, complete: bool) -> Result:
+def _evaluated(result: Result, bands: Bands, *, complete: bool, lost_repeats: tuple[str, ...]) -> Result:
     """The result with its state, by the decision rule (ISO 14253-1, JCGM 106:2012 section 8.3).
 
     Guarded acceptance leaves the limits' inner margin of one expanded uncertainty undecided. Guarded rejection accepts
     the outer margin: that the value violates its limit is not proved there.
+
+    A value that would pass is missing if a planned repeat is not in it: nothing is accepted with fewer tests than were
+    planned. A value that fails is not saved by a repeat that was lost.
     """
     if result.why or not math.isfinite(result.value):
         return result
@@ -348,4 +356,7 @@ def _evaluated(result: Result, bands: Bands, *, complete: bool) -> Result:
                 (State.UNSURE, "the margin is smaller than the expanded uncertainty") if state == State.PASSED
                 else (State.PASSED, "outside the limits by less than the expanded uncertainty")
             )
+    if state == State.PASSED and lost_repeats:
+        names = ", ".join(lost_repeats)
+        state, why = State.MISSING, f"planned repeats were not recorded or are not valid: {names}"
     return replace(result, state=state, why=why)

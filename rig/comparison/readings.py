@@ -246,6 +246,8 @@ class RunReadings:
         missing: a reading without values of each motion that was recorded, but in no valid point.
         not_recorded: ids of points that the campaign planned and that have no file.
         planned: a reading without values of each motion that only such points have; None if it is not known.
+        lost_repeats: ids of the points of a reading -> ids of planned repeats of its motion that are not in it, because
+            they were not recorded or are not valid.
     """
 
     run: Run
@@ -259,6 +261,7 @@ class RunReadings:
     missing: tuple[LoopReading, ...] = ()
     not_recorded: tuple[str, ...] = ()
     planned: tuple[LoopReading, ...] | None = ()
+    lost_repeats: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def identity(self) -> str:
@@ -308,11 +311,13 @@ def readings_of(run: Run, characteristics: Characteristics | None = None) -> Run
     gas = singles.get("gas_force")
     loops = _loops(characteristics, points, 0.0 if gas is None else abs(gas.value))
     missing, absent = tuple(_missing(run, loops)), _not_recorded(run)
+    planned = _planned(run, absent)
     others = [line for line in characteristics.left_out if not line.endswith(": invalid")]  # the run has said why
     return RunReadings(
         run, _specimen(run), loops, singles, model, parameters,
         _load_cell(first), tuple(dict.fromkeys((*run.left_out, *others))),
-        missing, absent, _planned(run, absent, (*loops, *missing)),
+        missing, absent, None if planned is None else _without(planned, (*loops, *missing)),
+        _lost_repeats(run, loops, planned or ()),
     )
 
 
@@ -350,8 +355,8 @@ def planned_loop(point: TestPoint) -> LoopReading:
     return LoopReading(motion, (point.id,), point.peak_speed_m_s, {})
 
 
-def _planned(run: Run, absent: Sequence[str], recorded: Sequence[LoopReading]) -> tuple[LoopReading, ...] | None:
-    """The motions that only points without a file have; None if the matrix of the run does not state them."""
+def _planned(run: Run, absent: Sequence[str]) -> tuple[LoopReading, ...] | None:
+    """The loops of points without a file; None if the matrix of the run does not state them."""
     if not absent:
         return ()
     try:
@@ -360,8 +365,24 @@ def _planned(run: Run, absent: Sequence[str], recorded: Sequence[LoopReading]) -
         return None
     if not points.keys() >= set(absent):
         return None
-    loops = [planned_loop(points[name]) for name in absent if points[name].kind == LOOP]
-    return tuple(loop for loop in loops if not any(loop.motion.same_as(other.motion) for other in recorded))
+    return tuple(planned_loop(points[name]) for name in absent if points[name].kind == LOOP)
+
+
+def _without(loops: Sequence[LoopReading], known: Sequence[LoopReading]) -> tuple[LoopReading, ...]:
+    """The loops whose motion no known one has."""
+    return tuple(loop for loop in loops if not any(loop.motion.same_as(other.motion) for other in known))
+
+
+def _lost_repeats(
+    run: Run, loops: Sequence[LoopReading], absent: Sequence[LoopReading]
+) -> dict[tuple[str, ...], tuple[str, ...]]:
+    """Of each reading the planned repeats of its motion that it does not contain."""
+    planned, used = set(planned_points(run.campaign)), {name for loop in loops for name in loop.ids}
+    lost = [(point.id, _motion_of(point)) for point in run.points
+            if point.kind == LOOP and point.id in planned - used]  # fmt: skip
+    lost += [(loop.ids[0], loop.motion) for loop in absent]
+    repeats = {loop.ids: tuple(name for name, motion in lost if motion.same_as(loop.motion)) for loop in loops}
+    return {ids: names for ids, names in repeats.items() if names}
 
 
 def _loops(

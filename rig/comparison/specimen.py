@@ -30,6 +30,10 @@ from rig.recording.tested_specimens import SpecimenVerdict
 from rig.text_file import read_bytes, read_json
 
 FORMAT = 1
+EDITED = (
+    "after the campaign was started. Fix: restore the file, or compare the run with other bands (rig compare RUN "
+    "--bands FILE)"
+)
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,7 @@ def specimen_result(run: Run, characteristics: Characteristics | None = None) ->
         characteristics: of the run, if they are known already.
     """
     try:
-        bands = _bands(run.path)
+        bands = _bands(run)
         if bands is None:
             return None
         readings = readings_of(run, characteristics)
@@ -153,14 +157,18 @@ def read_specimen(folder: Path) -> SpecimenResult:
         raise FileProblem(str(path), [f"damaged: {error!r}. Fix: write it again with `rig report`"]) from error
 
 
-def _bands(folder: Path) -> Bands | None:
+def _bands(run: Run) -> Bands | None:
     """The bands that were kept with a run; None if its matrix names none.
 
     Raises:
-        FileProblem: they cannot be read, or they are not those with which the campaign was started.
+        FileProblem: they cannot be read, or bands and decision rule are not those with which the campaign was started.
     """
-    matrix = CampaignFolder(folder).matrix
+    folder = run.path
+    matrix, hashes = CampaignFolder(folder).matrix, run.campaign.get("hashes")
+    hashes = hashes if isinstance(hashes, Mapping) else {}
     if not has_acceptance(folder):
+        if "acceptance" in hashes:
+            raise FileProblem(str(matrix), [f"the table [acceptance] was removed {EDITED}"])
         return None
     source = read_toml(matrix)
     written = source.data["acceptance"]
@@ -170,19 +178,20 @@ def _bands(folder: Path) -> Bands | None:
     table, problems = validated({**written, "bands": str(file)}, AcceptanceTable)
     if table is None:
         raise FileProblem(str(matrix), lines_of(source, [(("acceptance", *place), text) for place, text in problems]))
-    _unchanged(folder, file)
+    _unchanged(folder, file, hashes)
+    if table.digest != hashes.get("acceptance", table.digest):
+        raise FileProblem(str(matrix), [f"acceptance.decision was changed {EDITED}"])
     bands = load_bands(file)
     return bands if table.decision is None else bands.model_copy(update={"decision": table.decision})
 
 
-def _unchanged(folder: Path, file: Path) -> None:
+def _unchanged(folder: Path, file: Path, hashes: Mapping[str, Any]) -> None:
     """Refuse bands that were edited after the campaign had started.
 
     Raises:
         FileProblem: they were.
     """
-    hashes = read_campaign(folder).get("hashes")
-    files = hashes.get("files") if isinstance(hashes, Mapping) else None
+    files = hashes.get("files")
     name = f"{CampaignFolder.records}/{file.name}"
     if not isinstance(files, Mapping) or not files:
         return
@@ -193,8 +202,7 @@ def _unchanged(folder: Path, file: Path) -> None:
         ])
     if files[name] != hashlib.sha256(read_bytes(file, LARGEST_BANDS_BYTES)).hexdigest():
         raise FileProblem(str(file), [
-            "the acceptance bands were changed after the campaign was started. Fix: restore the file, or compare the "
-            "run with other bands (rig compare RUN --bands FILE)"
+            f"the acceptance bands were changed {EDITED}"
         ])
 
 

@@ -56,6 +56,11 @@ class AcceptanceTable(Section):
         """SHA-256 (hex) of the bands file."""
         return self._sha256
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) of all that decides on the specimen: the content of the bands file, and the decision rule."""
+        return hashlib.sha256(f"{self._sha256} {self.decision or ''}".encode()).hexdigest()
+
 
 def has_acceptance(run: Path) -> bool:
     """Whether the matrix of a run in this folder names acceptance bands."""

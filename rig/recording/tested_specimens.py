@@ -25,6 +25,8 @@ class SpecimenVerdict(StrEnum):
     """A value that a band requires was not measured, or its uncertainty does not allow a decision."""
 
 
+NO_BANDS = "no-bands"
+"""In place of a verdict: the matrix has no acceptance bands, so nothing was to be decided."""
 TESTED = frozenset({SpecimenVerdict.OK, SpecimenVerdict.NOT_OK})
 """Verdicts of a specimen that was tested; any other may be tested again at once."""
 TITLES: Mapping[str, str] = {

@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, MetaData, create_engine, event, insert, inspect, select, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError, ProgrammingError
 from sqlalchemy.pool import NullPool
 
 from rig import __version__
 from rig.bench.server_address import checked_address, server_name, without_passwords
 from rig.errors import FileProblem, RigError
 from rig.results.run_index import NAME, newer_schema
-from rig.results.schema import LOCAL, RESULTS, VERSION, VIEWS, schema_version
+from rig.results.schema import LOCAL, RESULTS, VERSION, VIEWS, schema_version, view_columns
 
 LOCK_WAIT_S = 20.0
 CONNECT_S = 5
@@ -118,6 +118,8 @@ def server(url: str, *, create: bool = True) -> Iterator[Database]:
                 if version is None:
                     _check_empty(connection, name)
                     version = _create(connection, RESULTS)
+            if create and version == VERSION:
+                _renew_views(connection)
         _check(name, version)
         yield database
     finally:
@@ -198,6 +200,8 @@ def _prepare(engine: Engine, file: Path) -> None:
         if version is None or version < VERSION:
             _remove_earlier(connection)
             version = _create(connection, RESULTS, LOCAL)
+        elif version == VERSION:
+            _renew_views(connection)
     _check(str(file), version)
 
 
@@ -236,6 +240,20 @@ def _create(connection: Connection, *tables: MetaData) -> int:
         connection.execute(text(f"CREATE VIEW {name} AS {query}"))
     connection.execute(insert(schema_version).values(version=VERSION, software=f"mr-damper-rig {__version__}"))
     return VERSION
+
+
+def _renew_views(connection: Connection) -> None:
+    """Add the columns that the views of an earlier release do not have; a view of another owner remains as it is."""
+    inspected = inspect(connection)
+    for name, query in VIEWS.items():
+        if {*view_columns(name)} <= {column["name"] for column in inspected.get_columns(name)}:
+            continue
+        with suppress(ProgrammingError), connection.begin_nested():
+            if connection.dialect.name == "sqlite":
+                connection.execute(text(f"DROP VIEW {name}"))
+                connection.execute(text(f"CREATE VIEW {name} AS {query}"))
+            else:
+                connection.execute(text(f"CREATE OR REPLACE VIEW {name} AS {query}"))
 
 
 def _check(place: str, version: int | None) -> None:

@@ -24,12 +24,13 @@ from rig.comparison.specimen import read_specimen
 from rig.errors import DataWarning, FileProblem
 from rig.files.toml_source import read_toml
 from rig.fits.fit_record import FitRecord, fit_in
+from rig.matrix.acceptance_table import has_acceptance
 from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes, channel_names
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_campaign, read_words
 from rig.recording.tested_on import TESTED, when_tested
-from rig.recording.tested_specimens import SpecimenVerdict
+from rig.recording.tested_specimens import NO_BANDS, SpecimenVerdict
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
 from rig.results.run_index import VERDICTS
 from rig.results.schema import stored_current
@@ -99,7 +100,8 @@ def content_of(folder: Path) -> Content:
     bench_verdict = _worst(run)
     planned = _planned(folder, campaign)
     children["verdicts"] = [_bench_verdict(bench_verdict, run, planned), *_specimen_verdicts(folder, remarks)]
-    specimen_verdict = next((row["verdict"] for row in children["verdicts"] if row["subject"] == SPECIMEN), NOT_TESTED)
+    undecided = NOT_TESTED if has_acceptance(folder) else NO_BANDS
+    specimen_verdict = next((row["verdict"] for row in children["verdicts"] if row["subject"] == SPECIMEN), undecided)
     row = {
         "campaign_id": campaign_id, **_described(folder, run, campaign), "planned_points": planned,
         "recorded_points": 0 if run is None else len(run.points), "valid_points": 0 if run is None else len(run.valid),

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from sqlalchemy import Boolean, Double, Integer, Table
 
 from rig.results.quantities import QUANTITIES
-from rig.results.schema import RESULTS, VERSION, VIEWS, Utc
+from rig.results.schema import RESULTS, VERSION, VIEWS, Utc, view_columns
 
 HEAD = f"""# Results database
 
@@ -53,12 +53,6 @@ the file. Their content may change between versions.
 def page() -> str:
     """The page as Markdown."""
     return "".join([HEAD, *_views(), *_tables(), *_quantities(), LOCAL_ONLY])
-
-
-def view_columns(name: str) -> list[str]:
-    """Names of the columns of a view."""
-    selected = VIEWS[name].split("SELECT", 1)[1].split("FROM", 1)[0]
-    return [part.split(" AS ")[-1].strip().rpartition(".")[2] for part in selected.split(",")]
 
 
 def _views() -> Iterator[str]:

@@ -46,7 +46,7 @@ class ResultRow(NamedTuple):
         repeatability_std: part of it from the variation between cycles.
         calibration_std: part of it from calibration certificates; None if not stated.
         verdict: of the point (`valid`, `suspect`, `invalid`); for a parameter, `valid` if the model fits.
-        specimen_verdict: `ok`, `not-ok` or `not-tested`.
+        specimen_verdict: `ok`, `not-ok`, `not-tested`, or `no-bands` without acceptance bands.
         simulated: whether the rig was simulated.
     """
 

@@ -27,7 +27,7 @@ from sqlalchemy import (
 
 from rig.results.run_index import SCHEMA as VERSION
 
-__all__ = ["CHILDREN", "LOCAL", "RESULTS", "VERSION", "VIEWS", "Utc", "stored_current"]
+__all__ = ["CHILDREN", "LOCAL", "RESULTS", "VERSION", "VIEWS", "Utc", "stored_current", "view_columns"]
 
 RESULTS, LOCAL = MetaData(), MetaData()
 """Tables of every results database; tables that only the file in a folder of runs has."""
@@ -120,7 +120,8 @@ campaigns = Table(
     _count("recorded_points", "number of recorded points"),
     _count("valid_points", "number of valid points"),
     _text("bench_verdict", "worst verdict of all points: `valid`, `suspect`, `invalid`; empty without points"),
-    _text("specimen_verdict", "`ok`, `not-ok` or `not-tested` (no acceptance bands, or not enough valid points)"),
+    _text("specimen_verdict", "`ok`, `not-ok`, `not-tested` (undecided, for example not enough valid points), or "
+          "`no-bands` (the matrix has no acceptance bands)"),
     _text("digest", "SHA-256 of all rows of this campaign; changes when a result changes"),
     _text("filled_by", "software that filled these rows"),
     Column("filled", Utc, nullable=False, comment="time at which these rows were filled"),
@@ -289,23 +290,33 @@ VIEWS = {
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, x.quantity, x.subject, x.motion, x.current_a,
             x.value, x.unit, x.standard_uncertainty, x.repeatability_uncertainty, x.calibration_uncertainty,
             x.repeat, x.point_verdict, c.specimen_verdict, x.waveform, x.amplitude_m, x.frequency_hz, x.recorded,
-            x.point, c.run, c.campaign_id
+            x.point, c.run, c.campaign_id, c.simulated
         FROM characteristics x JOIN campaigns c ON c.campaign = x.campaign""",
     "parameter_list": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, f.model, q.parameter, q.value, q.unit,
             q.standard_uncertainty, q.low, q.high, q.identifiable, q.reason, f.adequate, c.specimen_verdict, c.run,
-            c.campaign_id
+            c.campaign_id, c.simulated
         FROM parameters q JOIN campaigns c ON c.campaign = q.campaign
             JOIN fits f ON f.campaign = q.campaign""",
     "acceptance_list": """
         SELECT c.started, c.station, c.specimen, c.operator, c.matrix, v.verdict, v.quantity, v.location, v.value,
             v.expanded_uncertainty, v.low, v.high, v.margin, v.unit, v.reason, c.specimen_verdict, c.run,
-            c.campaign_id
+            c.campaign_id, c.simulated
         FROM verdicts v JOIN campaigns c ON c.campaign = v.campaign
         WHERE v.subject = 'specimen' AND v.item > 0""",
     "calibration_list": """
         SELECT c.started, c.station, k.channel, k.sensor, k.serial_number, k.certificate, k.due, k.overdue,
-            k.sensitivity, k.offset_value, k.uncertainty_percent, k.range_value, k.unit, c.run, c.campaign_id
+            k.sensitivity, k.offset_value, k.uncertainty_percent, k.range_value, k.unit, c.run, c.campaign_id,
+            c.simulated
         FROM calibrations k JOIN campaigns c ON c.campaign = k.campaign""",
 }
-"""Views with readable names, for Grafana, Excel and other programs: name -> query, equal in both databases."""
+"""Views with readable names, for Grafana, Excel and other programs: name -> query, equal in both databases.
+
+Columns are only added, and at the end: PostgreSQL replaces a view in place only then.
+"""
+
+
+def view_columns(name: str) -> list[str]:
+    """Names of the columns of a view."""
+    selected = VIEWS[name].split("SELECT", 1)[1].split("FROM", 1)[0]
+    return [part.split(" AS ")[-1].strip().rpartition(".")[2] for part in selected.split(",")]

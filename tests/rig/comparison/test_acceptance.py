@@ -188,6 +188,28 @@ def test_a_repeat_makes_up_for_an_invalid_point(made_run: Make, made_point: Make
     assert states(compare([folder], bands('[[rebound_force]]\nlow = "0 N"\n'))) == ["pass"]
 
 
+def test_nothing_is_accepted_with_fewer_repeats_than_were_planned(
+    made_run: Make, made_point: Make, bands: Make
+) -> None:
+    """A lost repeat leaves a value that passes undecided; one that fails has failed."""
+    folder = made_run("a")
+    (folder / "campaign.json").write_text(json.dumps({"id": "a", "points": ["p001", "p002", "p003"]}))
+    (folder / "matrix.toml").write_text(MATRIX.replace('"1 Hz", "2 Hz"', '"1 Hz"') + "repeats = 3\n")
+    made_point(folder, "p002", 1000.0)
+    for band in ('frequency = "1 Hz"\n', 'point = "p001"\n'):
+        compared = compare([folder], bands(f'[[rebound_force]]\nlow = "0 N"\n{band}'))
+        assert states(compared) == ["missing"]
+        assert acceptance(compared).results[0].why.endswith("not recorded or are not valid: p003")
+    failing = bands('[[rebound_force]]\nlow = "900 N"\nfrequency = "1 Hz"\n')
+    assert states(compare([folder], failing)) == ["fail"]
+    invalid = made_point(folder, "p003", 1000.0, verdict="invalid")
+    passing = bands('[[rebound_force]]\nlow = "0 N"\nfrequency = "1 Hz"\n')
+    assert states(compare([folder], passing)) == ["missing"]
+    invalid.unlink()
+    made_point(folder, "p003", 1000.0)
+    assert states(compare([folder], passing)) == ["pass"]
+
+
 def test_a_change_is_not_passed_by_motions_that_only_the_first_run_has(
     made_run: Make, made_point: Make, bands: Make
 ) -> None:

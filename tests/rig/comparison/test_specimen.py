@@ -57,7 +57,10 @@ def kept(folder: Path, bands: Path, matrix: str = MATRIX) -> Run:
     file.write_text(matrix)
     keep_matrix(file, folder / "matrix.toml")
     description = json.loads((folder / "campaign.json").read_text())
-    (folder / "campaign.json").write_text(json.dumps({**description, "hashes": {"files": kept_hashes(folder)}}))
+    table = load_matrix(file).acceptance
+    assert table is not None
+    hashes = {"files": kept_hashes(folder), "acceptance": table.digest}
+    (folder / "campaign.json").write_text(json.dumps({**description, "hashes": hashes}))
     return Run.open(folder)
 
 
@@ -118,6 +121,24 @@ def test_bands_of_another_name_decide_nothing(made_run: Make, bands: Make) -> No
     result = result_of(run)
     assert result.verdict == SpecimenVerdict.NOT_TESTED
     assert "records/wide.toml, which is not a file of this campaign" in result.reason
+
+
+def test_a_decision_rule_that_was_changed_after_the_start_decides_nothing(made_run: Make, bands: Make) -> None:
+    folder = made_run("a", percent=2.0)
+    guarded = MATRIX + 'decision = "guarded-acceptance"\n'
+    run = kept(folder, bands(REBOUND.format(current=0.5, low=74, high=900)), guarded)
+    matrix, text = folder / "matrix.toml", (folder / "matrix.toml").read_text()
+    for edited, word in (
+        (text.replace("guarded-acceptance", "simple"), "acceptance.decision was changed"),
+        (text.replace('decision = "guarded-acceptance"', ""), "acceptance.decision was changed"),
+        (text.partition("[acceptance]")[0], "[acceptance] was removed"),
+    ):
+        matrix.write_text(edited)
+        result = result_of(run)
+        assert result.verdict == SpecimenVerdict.NOT_TESTED
+        assert word in result.reason
+    matrix.write_text(text)
+    assert result_of(run).acceptance is not None
 
 
 def test_bands_that_were_changed_or_lost_after_the_start_decide_nothing(made_run: Make, bands: Make) -> None:

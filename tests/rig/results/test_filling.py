@@ -26,7 +26,7 @@ from rig.results import documentation, filling, special_tests
 from rig.results.filling import Filled, filled_database
 from rig.results.reader import ResultFilter, ResultRow, date_range, open_results, result_rows
 from rig.results.run_index import NAME, RunFilter, listed
-from rig.results.schema import RESULTS, VIEWS
+from rig.results.schema import RESULTS, VIEWS, view_columns
 from rig.signals.wear_trend import RULES
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def test_a_run_gives_its_values_with_their_uncertainty(runs: Path, made: Make) -
     )  # fmt: skip
     assert rebound.started is not None
     assert rebound.started.isoformat() == "2026-11-27T10:00:00+00:00"
-    assert rebound.specimen_verdict == "not-tested"
+    assert rebound.specimen_verdict == "no-bands"
 
 
 def test_an_invalid_point_gives_no_value_of_the_damper(runs: Path, made: Make) -> None:
@@ -266,6 +266,17 @@ def test_tables_of_an_earlier_version_are_made_again(runs: Path, made: Make) -> 
     assert (filled(runs).read, content(runs)) == (1, before)
 
 
+def test_views_of_an_earlier_release_get_the_columns_that_were_added(runs: Path, made: Make) -> None:
+    made("r1", simulated={"speed": 1.0})
+    assert filled(runs).read == 1
+    with closing(sqlite3.connect(runs / NAME)) as earlier, earlier:
+        earlier.execute("DROP VIEW results")
+        earlier.execute("CREATE VIEW results AS SELECT run, campaign_id FROM campaigns")
+    assert filled(runs).read == 0, "no run is read again for it"
+    with closing(sqlite3.connect(runs / NAME)) as renewed:
+        assert renewed.execute("SELECT DISTINCT run, simulated FROM results").fetchall() == [("r1", 1)]
+
+
 def test_a_database_of_a_newer_version_is_refused_and_not_written(runs: Path, made: Make) -> None:
     made("r1")
     filled(runs)
@@ -296,7 +307,7 @@ def test_every_view_can_be_read_and_has_the_columns_of_the_page(runs: Path, made
     made("r1")
     with open_results(runs) as (database, _), database.transaction() as connection:
         for name in VIEWS:
-            assert list(connection.execute(text(f"SELECT * FROM {name}")).keys()) == documentation.view_columns(name)
+            assert list(connection.execute(text(f"SELECT * FROM {name}")).keys()) == view_columns(name)
         counts = {name: connection.execute(text(f"SELECT count(*) FROM {name}")).scalar() for name in VIEWS}
     assert counts["results"] == len(rows(runs))
     assert counts["campaign_list"] == 1
