@@ -53,13 +53,18 @@ TRUTH_AFTER_STOP_S = 1.0
 
 
 @clock.restored()
-def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | None = None) -> CampaignResult:
+def run_campaign(
+    options: CampaignOptions, display: Display, live: LiveLink | None = None,
+    judged: Callable[[CampaignResult], None] = lambda _result: None,
+) -> CampaignResult:
     """Plan a matrix, run it on the bench or on a simulated rig, record and judge every point.
 
     Args:
         options: which matrix, which rig, where to.
         display: what the operator sees meanwhile.
         live: where pages read and ask; None without any.
+        judged: called with the result as soon as the rig is shut down and every point has its verdict, while processes
+            and files of the campaign are still being closed.
 
     Returns:
         How it ended; also when the rig refused at connect or preflight, was stopped, or is in an unknown state.
@@ -92,7 +97,9 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
             ends.enter_context(live.following(log))
         stock, endurance = _stock(folder, options, matrix, log, shown)
         if not stock.remaining:
-            return _nothing_left(folder, matrix, stock, endurance)
+            ended = _nothing_left(folder, matrix, stock, endurance)
+            judged(ended)
+            return ended
         signals.check()
         finaliser = Finaliser.start(folder)
         ends.callback(_or_say, shown, finaliser.close)
@@ -112,6 +119,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         elif ended.stopped_by is not None:
             rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
         rig.disk_refuses = ended.stopped_by in DISK
+        judged(ended)
         return ended
 
 
@@ -253,7 +261,8 @@ def _run(
     if live is not None:
         live.confirm = tuple(stop.to_json() for stop in start.stock.confirmed)
     stop_socket = "" if live is None else live.station_socket
-    with station_in_use(start.bench, start.matrix, start.folder, locks, stop_socket) as (client, config):
+    prepared = start.options.prepared.station
+    with station_in_use(start.bench, start.matrix, start.folder, locks, stop_socket, prepared) as (client, config):
         campaign = CampaignContext(
             folder=start.folder,
             bench=start.bench,

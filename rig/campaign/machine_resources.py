@@ -26,6 +26,7 @@ from urllib.parse import urlsplit
 from drivers import clock
 from drivers.port_causes import command_line
 from drivers.posix import fcntl
+from drivers.prepared import Prepared
 from drivers.ring import MAGIC
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -292,7 +293,8 @@ def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> Stat
 
 @contextmanager
 def station_in_use(
-    bench: Bench, matrix: Matrix | None, folder: Path, locks: tuple[int, ...], stop_socket: str = ""
+    bench: Bench, matrix: Matrix | None, folder: Path, locks: tuple[int, ...], stop_socket: str = "",
+    prepared: Prepared | None = None,
 ) -> Iterator[tuple[StationClient, StationConfig]]:
     """The station's process, and what it was told; the block closes its link.
 
@@ -302,6 +304,7 @@ def station_in_use(
         folder: the campaign's directory.
         locks: of the bench's devices, where they are held already; the station inherits them.
         stop_socket: where it takes a stop from others, too; empty: nowhere.
+        prepared: a station that has been loaded in advance; None: there is none.
 
     Raises:
         Refused: it does not start, or another campaign holds a device (`locked`).
@@ -313,13 +316,15 @@ def station_in_use(
         except clock.ClockRefused as error:
             raise Refused("config-absurd", str(error)) from error
         try:
-            yield _started(config, folder, locks), config
+            yield _started(config, folder, locks, prepared), config
         finally:
             clock.leave()
 
 
-def _started(config: StationConfig, folder: Path, locks: tuple[int, ...]) -> StationClient:
+def _started(
+    config: StationConfig, folder: Path, locks: tuple[int, ...], prepared: Prepared | None
+) -> StationClient:
     try:
-        return StationClient.start(config, folder, inherited=locks)
+        return StationClient.start(config, folder, inherited=locks, prepared=prepared)
     except StationLost as error:
         raise Refused("task-dies", str(error)) from error

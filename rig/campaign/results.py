@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
 
+from drivers.prepared import Prepared
 from rig.campaign.words import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
@@ -35,6 +35,36 @@ class RigState(StrEnum):
 
 
 @dataclass(frozen=True)
+class PreparedProcesses:
+    """Processes of a campaign that have loaded their programs before it; None: they are loaded when it starts.
+
+    Attributes:
+        station: of `rig.station.process`.
+        rig: of `simulators.prepared`.
+    """
+
+    station: Prepared | None = None
+    rig: Prepared | None = None
+
+    @classmethod
+    def new(cls, *, simulate: bool) -> PreparedProcesses:
+        """What a campaign on a real or a simulated rig needs; nothing is loaded before `prepare`."""
+        return cls(Prepared("rig.station.process"), Prepared("simulators.prepared") if simulate else None)
+
+    def prepare(self) -> None:
+        """Load those that are not waiting already."""
+        for process in (self.rig, self.station):
+            if process is not None:
+                process.prepare()
+
+    def close(self) -> None:
+        """End those that wait."""
+        for process in (self.rig, self.station):
+            if process is not None:
+                process.close()
+
+
+@dataclass(frozen=True)
 class CampaignOptions:
     """One campaign as asked for on the command line.
 
@@ -55,7 +85,7 @@ class CampaignOptions:
         drives_path: an earlier run from whose commands the iterations of signals start; None: from the signals.
         planned: `plan_digest` of the plan that the operator saw on a page; empty: none.
         files: contents of the matrix, the bench file and the files that they name; these bytes are run and stored.
-        start_rig: starts the process of a simulated rig with these arguments and this log; None: as usual.
+        prepared: processes that have loaded their programs in advance.
     """
 
     matrix_path: Path
@@ -73,9 +103,7 @@ class CampaignOptions:
     planned: str = ""
     drives_path: Path | None = None
     files: FirstRead = field(default_factory=FirstRead, compare=False, repr=False)
-    start_rig: Callable[[Sequence[str], Path], subprocess.Popen[bytes]] | None = field(
-        default=None, compare=False, repr=False
-    )
+    prepared: PreparedProcesses = field(default_factory=PreparedProcesses, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import shutil
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.posix import fcntl
+from drivers.prepared import Prepared
 from drivers.processes import own_program, stat_fields
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignOptions, Display
@@ -84,52 +84,22 @@ def wearing(path: Path) -> tuple[str, ...]:
     return tuple(arguments)
 
 
-def start_process(arguments: Sequence[str], log_path: Path) -> subprocess.Popen[bytes]:
-    """Start `python -m simulators` with these arguments; its standard error is appended to its log."""
-    with open_to_append(log_path) as log:
-        return subprocess.Popen(
+def start_process(
+    arguments: Sequence[str], log_path: Path, prepared: Prepared | None = None
+) -> subprocess.Popen[bytes]:
+    """Start `python -m simulators` with these arguments; its standard error is appended to its log.
+
+    Args:
+        arguments: of the simulated rig.
+        log_path: its log.
+        prepared: a process of `simulators.prepared` that may wait; None: the rig is loaded now.
+    """
+    with open_to_append(log_path) as log, open(os.devnull, "rb") as nothing:
+        loaded = prepared and prepared.start(arguments, {0: nothing.fileno(), 2: log.fileno()})
+        return loaded or subprocess.Popen(
             own_program("simulators", *arguments), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log,
             start_new_session=True,
         )
-
-
-class PreparedRig:
-    """A simulated rig that loads its program in advance, for a line that starts one after another."""
-
-    def __init__(self) -> None:
-        self._waiting: subprocess.Popen[bytes] | None = None
-        self.prepare()
-
-    def prepare(self) -> None:
-        """Load the next one."""
-        self._waiting = subprocess.Popen(
-            own_program("simulators.prepared"), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, start_new_session=True,
-        )
-
-    def start(self, arguments: Sequence[str], log_path: Path) -> subprocess.Popen[bytes]:
-        """As `start_process`, with the process that has been loaded; the next one is loaded meanwhile."""
-        process, self._waiting = self._waiting, None
-        request = json.dumps({"arguments": list(arguments), "log": str(log_path.resolve())}) + "\n"
-        try:
-            if process is None or process.stdin is None:
-                return start_process(arguments, log_path)
-            with process.stdin as line:
-                line.write(request.encode())
-        except OSError:  # it has ended meanwhile
-            return start_process(arguments, log_path)
-        finally:
-            self.prepare()
-        return process
-
-    def close(self) -> None:
-        """End the one that waits."""
-        if self._waiting is not None and self._waiting.stdin is not None:
-            self._waiting.terminate()
-            self._waiting.wait()
-            self._waiting.stdin.close()
-            if self._waiting.stdout is not None:
-                self._waiting.stdout.close()
 
 
 @dataclass
@@ -171,7 +141,7 @@ class SimulatedRig:
         arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
         arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
-        process = (options.start_rig or start_process)([*arguments, *options.simulator_args], log_path)
+        process = start_process([*arguments, *options.simulator_args], log_path, options.prepared.rig)
         try:
             line = _first_line(process, START_TIMEOUT_S, waiting)
         except BaseException:

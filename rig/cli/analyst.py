@@ -1,9 +1,13 @@
 """The process that identifies and reports while the application controls the rig: `python -m rig.cli.analyst`.
 
-It is started before the motion, loads the numeric packages at low priority during it, and then answers one JSON line
-on its standard input, {"run", "identify": {"model", "method", "holdout"} or null, "report_later"}, with one on its
-standard output: {"fit", "report", "error", "report_error", "specimen"}, the last one as in `acceptance.json`. With
-`report_later`, the answer comes first; afterwards, the report is written and the results database is updated.
+It is started before the motion, loads the numeric packages at low priority during it, and then serves JSON lines on its
+standard input:
+
+- {"do": "evaluate", "run", "identify": {"model", "method", "holdout"} or null}: identifies the damper and evaluates the
+  specimen; the answer on standard output is {"fit", "error", "specimen"}, the last one as in `acceptance.json`.
+- {"do": "report", "run"}: writes the report; the answer is {"report", "report_error"}.
+- {"do": "finish", "run"}: writes the report and updates the results database; without an answer, for a production line,
+  which goes on with the next specimen.
 """
 
 from __future__ import annotations
@@ -27,8 +31,8 @@ NICENESS = 10
 Made = TypeVar("Made")
 
 
-def analyse(run: Path, settings: Mapping[str, Any] | None, *, report_later: bool = False) -> dict[str, Any]:
-    """Identify (when wanted), evaluate the specimen and report; an error in one of them does not affect the others."""
+def evaluate(run: Path, settings: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Identify (when wanted) and evaluate the specimen; an error in one of them does not affect the other."""
     # loads numba and numpy: not needed for the help
     from rig.identification import identify_run
 
@@ -37,9 +41,7 @@ def analyse(run: Path, settings: Mapping[str, Any] | None, *, report_later: bool
         return str(CampaignFolder(run).fit.resolve())
 
     fit, error = (None, None) if settings is None else _made(identified)
-    specimen = _specimen(run)
-    report, report_error = (None, None) if report_later else _reported(run)
-    return {"fit": fit, "report": report, "error": error, "report_error": report_error, "specimen": specimen}
+    return {"fit": fit, "error": error, "specimen": _specimen(run)}
 
 
 def _reported(run: Path) -> tuple[str | None, str | None]:
@@ -99,12 +101,18 @@ def main() -> int:
         importlib.import_module(room)
     for line in sys.stdin:
         request = json.loads(line)
-        run, later = Path(request["run"]), bool(request.get("report_later"))
-        sys.stdout.write(json.dumps(analyse(run, request["identify"], report_later=later)) + "\n")
+        run, do = Path(request["run"]), request["do"]
+        if do == "finish":
+            for what, error in (("report", _reported(run)[1]), ("database", _stored(run))):
+                if error:
+                    sys.stderr.write(f"{run.name}: {what}: {error}\n")
+            continue
+        if do == "evaluate":
+            answer = evaluate(run, request["identify"])
+        else:
+            answer = dict(zip(("report", "report_error"), _reported(run), strict=True))
+        sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
-        for what, error in (("report", _reported(run)[1]), ("database", _stored(run))) if later else ():
-            if error:
-                sys.stderr.write(f"{run.name}: {what}: {error}\n")
     return 0
 
 

@@ -27,7 +27,7 @@ from rig.text_file import read_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rig.campaign.results import CampaignOptions, CampaignResult, Display
+    from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResult, PreparedProcesses
     from rig.characteristics.force_table import ForceTable
     from rig.cli.page import RunLink
     from rig.comparison.specimen import SpecimenResult
@@ -107,6 +107,7 @@ class Analyst:
 
     def __init__(self) -> None:
         self.notes = ""
+        self._asked = False
         self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - lives as long as the process that writes it
         self._process = subprocess.Popen(
             own_program("rig.cli.analyst"),
@@ -133,40 +134,66 @@ class Analyst:
     @property
     def lives(self) -> bool:
         """Whether it can take a request."""
-        return self._process.poll() is None
+        return self._process.poll() is None and not self._asked
 
-    def analyse(self, run: Path, identify: Identify | None, *, report_later: bool = False) -> dict[str, Any]:
-        """Identify, evaluate and report a run; blocks until done.
+    def evaluate(self, run: Path, identify: Identify | None) -> None:
+        """Request the evaluation of a run; `answer` waits for it.
 
         Args:
             run: the campaign's directory.
             identify: what is to be fitted; None: nothing.
-            report_later: answer before the report is written; the process writes it afterwards.
-
-        Returns:
-            The keys of `rig.cli.analyst`'s answer; `error` is set when the operator or a fault ended the process.
         """
         settings = None if identify is None else identify.model_dump(exclude={"enabled"})
+        self._send({"do": "evaluate", "run": str(run), "identify": settings})
+
+    def report(self, run: Path) -> None:
+        """Request the report of a run; `answer` waits for it."""
+        self._send({"do": "report", "run": str(run)})
+
+    def finish(self, run: Path) -> None:
+        """Have the report of a run written and the results database updated; what fails is reported in `notes`."""
+        self._send({"do": "finish", "run": str(run)}, answered=False)
+
+    def answer(self) -> dict[str, Any]:
+        """The answer to the last request.
+
+        Returns:
+            The keys of `rig.cli.analyst`'s answer; only `ended`, the reason, if the operator or a fault ended the
+            process.
+        """
         try:
-            request = {"run": str(run), "identify": settings, "report_later": report_later}
-            print(json.dumps(request), file=self._process.stdin, flush=True)
             line = self._process.stdout.readline() if self._process.stdout else ""
             answer: dict[str, Any] = json.loads(line)
         except KeyboardInterrupt:
             self._process.kill()
-            return _nothing("interrupted by the operator", identify)
+            return {"ended": "interrupted by the operator"}
         except (OSError, ValueError):
             self._process.kill()
             code = self._process.wait()
             self._log.seek(0)
             tail = self._log.read()[-LONGEST_NOTES:].strip()
-            return _nothing(f"the identification process ended unexpectedly (exit code {code})\n{tail}", identify)
+            return {"ended": f"the identification process ended unexpectedly (exit code {code})\n{tail}"}
+        self._asked = False
         return answer
 
+    def _send(self, request: Mapping[str, Any], *, answered: bool = True) -> None:
+        """Send a request; a process that has ended shows in its answer."""
+        self._asked = answered
+        with contextlib.suppress(OSError, ValueError):  # closed, or its pipe is
+            print(json.dumps(request), file=self._process.stdin, flush=True)
 
-def _nothing(why: str, identify: Identify | None) -> dict[str, Any]:
-    """The answer of a process that gave none."""
-    return {"fit": None, "report": None, "error": None if identify is None else why, "report_error": why}
+
+@dataclass
+class PreparedRun:
+    """What a run that was loaded in advance finds already (`rig.cli.prepared_run`): the object of its click context.
+
+    Attributes:
+        processes: of the campaign.
+        analyst: the process that evaluates; None: it is started with the campaign.
+    """
+
+    processes: PreparedProcesses
+    analyst: Analyst | None = None
 
 
 @dataclass(frozen=True)
@@ -184,7 +211,7 @@ class LineParts:
 
 def run_job(
     options: CampaignOptions, identify: Identify | None, console: Console, live: RunLink | None = None,
-    junit: JUnitReport | None = None, line: LineParts | None = None,
+    junit: JUnitReport | None = None, line: LineParts | None = None, analyst: Analyst | None = None,
 ) -> JobResult:
     """Run a campaign with its display, then identify what it recorded (unless it was stopped) and report it.
 
@@ -195,46 +222,71 @@ def run_job(
         live: the page; None: there is none.
         junit: takes the points as they end; None: nothing is written.
         line: of a production line, whose reports are written after the verdict; None: a single campaign.
+        analyst: of a single campaign, if it was started in advance.
 
     Raises:
         RigError: refused before a campaign directory exists.
     """
     from rig.cli.display import display_for
 
-    with hangups_interrupt(), Analyst() if line is None else contextlib.nullcontext(line.analyst) as analyst:
+    own = (analyst or Analyst()) if line is None else contextlib.nullcontext(line.analyst)
+    with hangups_interrupt(), own as analyst:
+
+        def judged(result: CampaignResult) -> None:
+            """Begin the evaluation while the campaign is closed."""
+            if _recorded(result):
+                analyst.evaluate(result.campaign, _fitted(result, identify))
+
         with display_for(console) as display:
             shown: Display = display if junit is None or junit.path is None else JUnitDisplay(display, junit)
             shown = shown if line is None else line.display(shown)
-            result = run_campaign(options, shown, None if live is None else live.link)
+            result = run_campaign(options, shown, None if live is None else live.link, judged)
         if live is not None:
             live.ended(result)
-        recorded = [point for point in result.points if point.file is not None]
-        if not recorded:
+        if not _recorded(result):
             specimen = _untested(result.campaign, result.detail)
             if live is not None:
                 live.evaluated(specimen)
             return JobResult(result, specimen=specimen)
-        finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
-        usable = finished and any(point.verdict != "invalid" for point in recorded)
-        with status_line(console, "identifying the damper and writing the report"):
-            answer = analyst.analyse(
-                result.campaign, identify if usable else None, report_later=line is not None
-            )
-    if answer["report_error"] is not None:
+        with status_line(console, "identifying the damper"):
+            answer = analyst.answer()
+        specimen = _specimen(result.campaign, answer)
+        if live is not None:
+            live.evaluated(specimen)
+        report: dict[str, Any] = {"report": None, "report_error": None}
+        if line is not None:
+            analyst.finish(result.campaign)
+        elif "ended" in answer:
+            report["report_error"] = answer["ended"]
+        else:
+            with status_line(console, "writing the report"):
+                analyst.report(result.campaign)
+                report |= analyst.answer()
+            report["report_error"] = report.pop("ended", report["report_error"])
+    if report["report_error"] is not None:
         with contextlib.suppress(OSError):
-            text = f"warning: the report could not be written: {answer['report_error']}"
+            text = f"warning: the report could not be written: {report['report_error']}"
             console.print(text, style="yellow", markup=False)
-    paths = {key: None if answer[key] is None else Path(answer[key]) for key in ("fit", "report")}
-    specimen = _specimen(result.campaign, answer)
-    if live is not None:
-        live.evaluated(specimen)
-    return JobResult(result, paths["fit"], paths["report"], answer["error"], answer["report_error"], specimen)
+    fit, path = (None if name is None else Path(name) for name in (answer.get("fit"), report["report"]))
+    error = answer.get("error", answer.get("ended") if _fitted(result, identify) else None)
+    return JobResult(result, fit, path, error, report["report_error"], specimen)
+
+
+def _fitted(result: CampaignResult, identify: Identify | None) -> Identify | None:
+    """What is to be fitted to the points of a campaign; None: it was stopped, or no point can be used."""
+    finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
+    return identify if finished and any(point.verdict != "invalid" for point in _recorded(result)) else None
+
+
+def _recorded(result: CampaignResult) -> list[PointResult]:
+    """Points with a file."""
+    return [point for point in result.points if point.file is not None]
 
 
 def _specimen(run: Path, answer: Mapping[str, Any]) -> SpecimenResult | None:
     """The verdict on the specimen in the answer of the analyst."""
     if "specimen" not in answer:
-        return _untested(run, str(answer["report_error"]))
+        return _untested(run, str(answer.get("ended")))
     if answer["specimen"] is None:
         return None
     from rig.comparison.specimen import SpecimenResult  # loads numba: only where there are bands

@@ -97,19 +97,17 @@ def command(
     bench, arguments = rig_of(bench, arguments, simulate=simulate)
     arguments = (*specimens_of(tests, simulate=simulate), *arguments)
     # loads numpy: not needed for the help
-    from rig.campaign.results import CampaignOptions
-    from rig.campaign.simulated_rig import PreparedRig
+    from rig.campaign.results import CampaignOptions, PreparedProcesses
 
     options = CampaignOptions(
         matrix_path=matrix, out=out, bench_path=bench, simulate=simulate, speed=1.0 if speed is None else speed,
         seed=0 if seed is None else seed, simulator_args=arguments,
+        prepared=PreparedProcesses.new(simulate=simulate),
     )  # fmt: skip
     session, shown = LineSession(tests, TestedSpecimens(out)), console(as_json=as_json)
     with hangups_interrupt(), contextlib.ExitStack() as ends:
-        if simulate:
-            prepared = PreparedRig()
-            ends.callback(prepared.close)
-            options = replace(options, start_rig=prepared.start)
+        ends.callback(options.prepared.close)
+        options.prepared.prepare()
         line = _Line(session, options, shown, Entries(reader), None if no_identify else tests, ends, Analyst)
         line.results_url = address_for(results_url, known)
         with contextlib.suppress(KeyboardInterrupt):
@@ -227,6 +225,7 @@ class _Line:
         self._session.take(result)
         self._show(result)
         self.delivered()
+        self._options.prepared.prepare()
         self._refuse_rest(serial_number)
         return result.exit_code != EXIT_UNKNOWN_STATE
 
@@ -255,7 +254,8 @@ class _Line:
                 ])
         options = replace(self._options, serial_number=serial_number, files=files)
         line = LineParts(self._analyst, lambda display: WatchingDisplay(
-            display, self._entries, lambda text: self._session.during_test(text, serial_number).text
+            display, self._entries, lambda text: self._session.during_test(text, serial_number).text,
+            self._options.prepared.prepare,
         ))
         with live_link(None) as live:
             return run_job(options, self._identify, self._shown, live, None, line)

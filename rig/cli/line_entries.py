@@ -188,9 +188,14 @@ class WatchingDisplay:
         display: the usual one.
         refuse: what an entry is answered.
         entries: the sources; None: none is read during a test.
+        recorded: called when a point has been recorded: the computer has time to prepare the next specimen.
     """
 
-    def __init__(self, display: Display, entries: Entries | None, refuse: Callable[[str], str]) -> None:
+    def __init__(
+        self, display: Display, entries: Entries | None, refuse: Callable[[str], str],
+        recorded: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._recorded = recorded
         self._display = display
         self._entries = entries
         self._refuse = refuse
@@ -216,3 +221,4 @@ class WatchingDisplay:
         """A point has its verdict."""
         self.look()
         self._display.point_done(result)
+        self._recorded()

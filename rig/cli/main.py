@@ -201,14 +201,21 @@ def main(arguments: Sequence[str]) -> int:
     return answered(cli, arguments, "rig")
 
 
-def answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
-    """Run a command under a name as `main` does; return its exit code."""
+def answered(command: click.Command, arguments: Sequence[str], name: str, loaded: object = None) -> int:
+    """Run a command under a name as `main` does; return its exit code.
+
+    Args:
+        command: the command.
+        arguments: its arguments.
+        name: shown in its messages.
+        loaded: what was loaded in advance; the object of the command's context.
+    """
     take_every_character()
     NOTICE.report = _write_to_stderr
     with warnings.catch_warnings():
         warnings.simplefilter("always", DataWarning)
         warnings.showwarning = _show_warning
-        return _answered(command, arguments, name)
+        return _answered(command, arguments, name, loaded)
 
 
 def _write_to_stderr(text: str) -> None:
@@ -228,10 +235,11 @@ def _show_warning(
     _write_to_stderr(text)
 
 
-def _answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
+def _answered(command: click.Command, arguments: Sequence[str], name: str, loaded: object) -> int:
     as_json = "--json" in (arguments[: arguments.index("--")] if "--" in arguments else arguments)
     try:
-        return int(command.main(args=list(arguments), prog_name=name, standalone_mode=False) or EXIT_DONE)
+        ended = command.main(args=list(arguments), prog_name=name, standalone_mode=False, obj=loaded)
+        return int(ended or EXIT_DONE)
     except click.ClickException as error:
         shown = io.StringIO()
         error.show(shown)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,7 +136,7 @@ def command(
         from rig.campaign.results import CampaignOptions
         from rig.campaign.setup import plan_digest, same_plan
         from rig.cli.analysis_check import check_analysis, check_specimen
-        from rig.cli.job import run_job
+        from rig.cli.job import PreparedRun, run_job
         from rig.matrix.model import load_files, load_matrix
 
         path, files = _matrix_path(matrix, resume), FirstRead()
@@ -168,13 +169,16 @@ def command(
             confirmed=None if confirmed is None else frozenset(filter(None, confirmed.split(","))),
             planned=planned or "", drives_path=drives, files=files,
         )
+        loaded = click.get_current_context().find_object(PreparedRun)
+        options = options if loaded is None else replace(options, prepared=loaded.processes)
         shown = console(as_json=as_json)
         wanted = identify if tests.wants_fit and not no_identify else None
         results_url = address_for(results_url, known)
         if results_url is None and resume is not None:
             results_url = address_of_run(resume)
         with live_link(settings, held=hold, operated=operated) as live, delivery_to(results_url) as delivery:
-            result = run_job(options, wanted, shown, live, report)
+            analyst = None if loaded is None else loaded.analyst
+            result = run_job(options, wanted, shown, live, report, analyst=analyst)
             take_campaign(report, result.campaign, None if wanted is None else (result.fit is not None, result.error))
             take_specimen(report, result.specimen)
             delivered = None if delivery is None else delivery.deliver(result.campaign.campaign.parent)

@@ -21,6 +21,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from drivers.prepared import Prepared
 from drivers.processes import own_program
 from protocols.patterns import Pattern
 from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT, CampaignFolder
@@ -162,6 +163,8 @@ class BenchControl:
         self._pending: list[dict[str, str]] = []
         self._stops = 0
         self._stopped_by = ""
+        self._prepared = Prepared("rig.cli.prepared_run", ("--simulate",) if bench.simulate else ())
+        self._in_line = False
         if self.started is not None and not self.started.lives:
             self.outcome = self.started.outcome()
 
@@ -217,6 +220,8 @@ class BenchControl:
         self._looked_ns = now_ns
         if self.started is not None and not self.outcome and not self.started.lives:
             self.outcome = self._outcome(self.started)
+            if self._in_line:  # the next specimen is mounted meanwhile
+                self._prepared.prepare()
         live = self.live_folder
         if live is None and (live := self._found()) is not None:
             self.watched.close()
@@ -397,6 +402,7 @@ class BenchControl:
             f"--out={self.bench.out}",
         )  # fmt: skip
         self._start(arguments, requester, f"{name}, specimen {serial_number}", message)
+        self._in_line = bool(message.get("line"))
         return {"ok": True}
 
     def _next_of_line(self, line: Mapping[str, str] | None, serial_number: str, message: Mapping[str, Any]) -> None:
@@ -488,7 +494,8 @@ class BenchControl:
         utc = utc_now().isoformat(timespec="seconds")
         try:
             self.started = StartedRun.start(
-                self.bench.state, (*arguments, "--operated", "--json"), by=by, title=title, utc=utc, words=words
+                self.bench.state, (*arguments, "--operated", "--json"), by=by, title=title, utc=utc, words=words,
+                prepared=self._prepared,
             )
         except OSError as error:
             raise Refusal("not-started", f"`rig run` cannot be started: {error.strerror or error}") from error

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from drivers.prepared import Prepared
 from drivers.processes import own_program, stat_fields
 from rig.errors import FileProblem
 from rig.station.live_folder import read_json, replace_json
@@ -53,9 +54,10 @@ class StartedRun:
 
     @classmethod
     def start(
-        cls, folder: Path, arguments: tuple[str, ...], *, by: str, title: str, utc: str, words: Mapping[str, str]
+        cls, folder: Path, arguments: tuple[str, ...], *, by: str, title: str, utc: str, words: Mapping[str, str],
+        prepared: Prepared | None = None,
     ) -> StartedRun:
-        """Start `rig run` with these arguments.
+        """Start `rig run` with these arguments, in the process that was loaded in advance, if there is one.
 
         If the process cannot be recorded for a later page, it is not started, because that page would offer another
             start.
@@ -67,9 +69,12 @@ class StartedRun:
         with contextlib.ExitStack() as files:
             output, messages = (files.enter_context(_new_file(folder / name)) for name in (OUTPUT, MESSAGES))
             run._write()
-            run._process = subprocess.Popen(
-                own_program("rig.cli.main", "run", *arguments), stdin=subprocess.DEVNULL,
-                stdout=output, stderr=messages, start_new_session=True,
+            nothing = files.enter_context(open(os.devnull, "rb"))
+            replaced = {0: nothing.fileno(), 1: output.fileno(), 2: messages.fileno()}
+            loaded = prepared and prepared.start(("run", *arguments), replaced)
+            run._process = loaded or subprocess.Popen(
+                own_program("rig.cli.main", "run", *arguments), stdin=nothing, stdout=output, stderr=messages,
+                start_new_session=True,
             )
         run.pid, run.ticks = run._process.pid, _began(run._process.pid)
         try:

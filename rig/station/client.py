@@ -18,6 +18,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from drivers.prepared import Prepared
 from drivers.processes import own_program
 from rig.bench.settings import StationConfig
 from rig.campaign_folder import CampaignFolder
@@ -62,7 +63,8 @@ class StationClient:
 
     @classmethod
     def start(
-        cls, config: StationConfig, folder: Path, timeout_s: float = START_TIMEOUT_S, *, inherited: tuple[int, ...] = ()
+        cls, config: StationConfig, folder: Path, timeout_s: float = START_TIMEOUT_S, *,
+        inherited: tuple[int, ...] = (), prepared: Prepared | None = None,
     ) -> StationClient:
         """Start the station process with its files (`station.json`, `station.log`) in `folder`; wait until it is ready.
 
@@ -71,6 +73,7 @@ class StationClient:
             folder: where its files lie.
             timeout_s: wall seconds it may take.
             inherited: descriptors it keeps open for as long as it lives: the locks on its devices.
+            prepared: a process of `rig.station.process` that may wait; None: the station is loaded now.
 
         Raises:
             StationLost: the process ended or was silent for `timeout_s` wall seconds; its log's tail is in the message.
@@ -80,7 +83,8 @@ class StationClient:
         write_text_durably(config_path, config.to_json())
         log_path = CampaignFolder(folder).station_log
         with open_to_append(log_path) as log:
-            process = subprocess.Popen(
+            loaded = prepared and prepared.start([str(config_path)], {2: log.fileno()}, inherited)
+            process = loaded or subprocess.Popen(
                 own_program("rig.station", str(config_path)),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
