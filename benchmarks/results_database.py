@@ -3,14 +3,16 @@
     python benchmarks/results_database.py [--specimens 10000] [--results postgresql://USER@HOST/DATABASE]
 
 The campaigns are synthetic rows (5 points with 17 quantities, a fit with 9 parameters, 6 accepted values, 2
-calibrations). With --results, the database on the server must be empty: the rows are delivered to it by ten processes
-at the same time, each with its own folder, and counted.
+calibrations). Ten processes write into one SQLite file at the same time, and the rows are counted. With --results, the
+database on the server must be empty: the rows are delivered to it by ten processes at the same time, each with its own
+folder, and counted.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import random
 import statistics
 import subprocess
@@ -27,7 +29,7 @@ from sqlalchemy import insert, select, text
 from rig.results.connection import Database, folder_database, server
 from rig.results.content import Content
 from rig.results.delivery import deliver
-from rig.results.filling import optimise
+from rig.results.filling import optimise, put
 from rig.results.quantities import QUANTITIES
 from rig.results.reader import ResultFilter, result_rows
 from rig.results.schema import RESULTS
@@ -148,6 +150,44 @@ def measure(database: Database, what: str) -> None:
     print(f"{what}: slowest chart {slowest:.3f} s")
 
 
+def write_all(folder: Path, made: list[Content]) -> None:
+    """Put campaigns one by one, each in its transaction, and all of them a second time."""
+    with folder_database(folder) as database:
+        for _ in range(2):
+            for one in made:
+                with database.transaction() as connection:
+                    put(connection, one.campaign, one.children, one.digest)
+
+
+def many_writers(made: list[Content], root: Path) -> None:
+    folder, begun = root / "shared", time.perf_counter()
+    folder.mkdir()
+    context = multiprocessing.get_context("fork")
+    writers = [context.Process(target=write_all, args=(folder, made[number::STATIONS])) for number in range(STATIONS)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    took = time.perf_counter() - begun
+    assert [writer.exitcode for writer in writers] == [0] * STATIONS
+    with folder_database(folder) as database:
+        count(database, made, f"SQLite: {STATIONS} writers at once, every campaign twice: {took:.1f} s")
+
+
+def count(database: Database, made: list[Content], what: str) -> None:
+    """Compare the number of rows with what was written."""
+    with database.transaction(reading=True) as connection:
+        counts = {
+            name: connection.execute(text(f"SELECT count(*) FROM {name}")).scalar_one() for name in RESULTS.tables
+        }
+        digests = set(connection.execute(text("SELECT digest FROM campaigns")).scalars())
+    expected = {name: sum(len(one.children[name]) for one in made) for name in made[0].children}
+    expected |= {"campaigns": len(made)}
+    assert all(counts[name] == number for name, number in expected.items()), (counts, expected)
+    assert digests == {one.digest for one in made}
+    print(f"{what}; {len(made)} campaigns, nothing lost, nothing twice: {counts}")
+
+
 def station(folder: Path, url: str) -> None:
     with folder_database(folder) as database:
         state = deliver(database, url)
@@ -169,16 +209,9 @@ def many_stations(made: list[Content], url: str, root: Path) -> None:
     ]
     states = [json.loads(process.communicate()[0]) for process in started]
     took = time.perf_counter() - begun
-    with server(url) as database, database.transaction(reading=True) as connection:
-        counts = {
-            name: connection.execute(text(f"SELECT count(*) FROM {name}")).scalar_one() for name in RESULTS.tables
-        }
-    expected = {name: sum(len(one.children[name]) for one in made) for name in made[0].children}
-    expected |= {"campaigns": len(made)}
-    assert all(counts[name] == number for name, number in expected.items()), (counts, expected)
     assert all(state["waiting"] == 0 and state["error"] is None for state in states), states
-    print(f"PostgreSQL: {STATIONS} stations at once: {len(made)} campaigns in {took:.1f} s "
-          f"({len(made) / took:.0f} per second); nothing lost, nothing twice: {counts}")  # fmt: skip
+    with server(url) as database:
+        count(database, made, f"PostgreSQL: {STATIONS} stations at once: {took:.1f} s")
 
 
 def main() -> None:
@@ -200,6 +233,7 @@ def main() -> None:
             print(f"SQLite: {len(made)} campaigns written in {time.perf_counter() - begun:.1f} s, "
                   f"{Path(database.place).stat().st_size / 1e6:.0f} MB")  # fmt: skip
             measure(database, "SQLite")
+        many_writers(made, root)
         if given.results is not None:
             many_stations(made, given.results, root)
             with server(given.results) as database:

@@ -6,6 +6,7 @@ import math
 
 from rig.comparison.acceptance import FIT, PERCENT, Result, State
 from rig.display import Display, Shown
+from rig.document.numbers import PLUS_MINUS
 from rig.document.words import FAIR, GOOD, POOR, Severity
 from rig.recording.tested_specimens import TITLES, SpecimenVerdict
 
@@ -36,7 +37,9 @@ def result_text(result: Result, display: Display, *, several: bool = False) -> s
     text += f": {value}, allowed {band_text(result, shown)}"
     if not missing:
         text += f", margin {margin_text(result, display)}"
-        text += f", +-{number_text(shown.value(result.expanded), 2)}" if math.isfinite(result.expanded) else ""
+        if math.isfinite(result.expanded):
+            expanded = with_unit(number_text(shown.value(result.expanded), 2), shown.unit)
+            text += f", uncertainty {PLUS_MINUS}{expanded}"
         text += f"; {result.why}" if result.why else ""
     return text + (f" [{result.note}]" if result.note else "")
 

@@ -1,11 +1,16 @@
 // Production view: a serial number starts the test of the next specimen. The server checks it; what is scanned during a test is never kept.
 
-const line = { on: false, serial: "", begun: "", note: "", retest: "", started: 0 };
+const line = { on: false, serial: "", begun: "", note: "", retest: "", started: 0, over: null };
 const VERDICTS = { "ok": ["good", "OK"], "not-ok": ["bad", "NOT OK"], "not-tested": ["wait", "NOT TESTED"] };
 window.rigLine = line;
 
 function seconds(s) { return typeof s === "number" ? `${s.toFixed(1)} s` : "–"; }
-function line_note(text) { line.note = text; write("line-note", text); }
+function line_note(text, over = null) { line.note = text; line.over = over; write("line-note", text); } // `over`: the note that replaces it; undefined as long as it is true
+function line_note_over() { // what was true when a note was written
+  const next = line.over ? line.over() : undefined;
+  if (next !== undefined) line_note(next);
+}
+function with_minus(text) { return (text || "").replace(/(^|[ (])-(?=\d)/g, "$1−"); }
 function line_open(on) {
   line.on = on; line.serial = ""; line_note("");
   document.body.classList.toggle("line-view", on); by_id("line").hidden = !on;
@@ -20,12 +25,16 @@ function looks_like_serial(text) { // of this line, for texts in other fields
 function line_scan(serial, more = {}) {
   by_id("scan").value = ""; by_id("line-retest").hidden = true; line.retest = "";
   if (!serial) return;
-  if (line_busy()) { line_note(`${serial.slice(0, 40)}: ignored because a specimen is being tested. Wait for the result, change the specimen, then scan again.`); return; }
-  if (!standing.mine) { line_note(`${serial.slice(0, 40)}: not started. Type your name and take control first.`); return; }
+  if (line_busy()) {
+    const name = serial.slice(0, 40), again = `${name} was scanned during a test and was ignored. Mount the specimen, then scan it again.`;
+    line_note(`${name}: ignored because a specimen is being tested. Wait for the result, change the specimen, then scan again.`, () => line_busy() ? undefined : again);
+    return;
+  }
+  if (!standing.mine) { line_note(`${serial.slice(0, 40)}: not started. Type your name and take control first.`, () => standing.mine ? "" : undefined); return; }
   if (!plan || !plan.feasible || !plan.line) { line_note(`${serial.slice(0, 40)}: not started. Leave the production view and choose a matrix.`); return; }
   stop_asked = null; line.serial = serial; line_note("");
   sending = say({ do: "begin", matrix: plan.matrix, planned: plan.planned, serial_number: serial, line: true, after: line.after || "", ...more });
-  if (!sending) line_note(`${serial}: not sent. There is no connection to the rig.`);
+  if (!sending) line_note(`${serial}: not sent. There is no connection to the rig.`, () => connected() ? `${serial} was not sent. Scan it again.` : undefined);
   line_show();
 }
 function line_busy() { return sending || busy(); }
@@ -41,7 +50,12 @@ function line_state() { // what is shown large: kind, verdict, specimen, reason
   const last = runs[0];
   if (!connected()) return ["bad", "NO CONNECTION", "", "The page is not being served, or the network is down. A test in progress continues."];
   if (bench.phase === "starting" || bench.phase === "running" || (sending && line.serial)) return ["wait", "TESTING", line.serial || (last && last.ended === "running" ? last.specimen : ""), `${state.running && state.phase ? state.phase : "starting"}${state.point ? `, ${state.point}` : ""}`];
-  if (bench.phase === "evaluating") return ["wait", "EVALUATING", line.serial, ""];
+  if (bench.phase === "evaluating") {
+    const ended = state.ended || {}, early = VERDICTS[(ended.specimen || {}).verdict]; // the verdict comes before the report is written
+    const serial = line.serial || (last && last.ended === "running" ? last.specimen : "");
+    if (early && ended.valid === ended.total && ended.rig_state === "safe" && !ended.stopped_by) return [early[0], early[1], serial, ended.specimen.reason];
+    return ["wait", "EVALUATING", serial, ""];
+  }
   const outcome = bench.outcome || {}, newer = Boolean(last && bench.started && last.started > bench.started.utc.slice(0, 19));
   if (!newer && (outcome.broken || outcome.refused)) return ["bad", outcome.stopped ? "STOPPED" : outcome.broken ? "ERROR" : "REFUSED", line.serial, outcome.text || ""];
   if (!last) return ["wait", "SCAN", "", "Mount the first specimen, then scan its serial number."];
@@ -57,10 +71,11 @@ function line_stopped() { const last = runs[0]; return Boolean(last) && (["stopp
 function line_show() {
   by_id("line-open").hidden = !(plan && plan.line); by_id("line-open").disabled = !(plan && plan.line && plan.feasible);
   if (!line.on) return;
+  line_note_over();
   by_id("line-form").hidden = standing.role === "viewer"; // a large screen for everybody
   const [kind, verdict, specimen, reason] = line_state();
   if (by_id("line-result").className !== kind) by_id("line-result").className = kind;
-  write("line-verdict", verdict); write("line-specimen", specimen); write("line-reason", reason);
+  write("line-verdict", verdict); write("line-specimen", specimen); write("line-reason", with_minus(reason));
   for (const name of ["ok", "not-ok", "not-tested"]) write(`count-${name}`, String((line.today || {})[name] || 0));
   write("takt-last", seconds((line.today || {}).takt_last_s)); write("takt-mean", seconds((line.today || {}).takt_mean_s));
   by_id("line-continue").hidden = !(line_stopped() && !line_busy() && line.after !== (runs[0] || {}).name && standing.mine);
@@ -71,7 +86,7 @@ function line_history(message) {
   for (const run of runs.slice(0, 30)) {
     const neutral = ["finished", "imported", "running"].includes(run.ended) ? "" : "bad"; // a run without acceptance bands is not a bad specimen
     const known = VERDICTS[run.specimen_verdict] || [neutral, run.ended], row = element("tr", undefined, known[0] === "good" ? "" : known[0] && "bad");
-    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : run.ended === "running" ? "▶" : known[0] ? "✗" : "–"} ${known[1]}`, "mark"), element("td", run.specimen_reason || run.text), element("td", seconds(run.takt_s), "numeric"));
+    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : run.ended === "running" ? "▶" : known[0] ? "✗" : "–"} ${known[1]}`, "mark"), element("td", with_minus(run.specimen_reason || run.text)), element("td", seconds(run.takt_s), "numeric"));
     body.append(row);
   }
 }
