@@ -208,6 +208,24 @@ def test_the_lines_of_a_file_are_those_of_a_barcode_reader(tmp_path: Path) -> No
         Entries(str(tmp_path / "none"), stdin=io.StringIO(""))
 
 
+def test_a_barcode_reader_on_a_serial_port_ends_its_codes_as_it_likes_and_may_be_unplugged() -> None:
+    reading, writing = os.pipe()
+    main, side = os.openpty()
+    with os.fdopen(reading) as keyboard, os.fdopen(writing, "w"):
+        entries = Entries(os.ttyname(side), stdin=keyboard)
+        os.close(side)
+        os.write(main, b"MR-101\rMR-1")
+        os.write(main, b"02\r\n\nMR-103\n\xff\x00MR\r")
+        codes = [entries.next() for _ in range(4)]
+        assert [None if code is None else code.text for code in codes] == [
+            "MR-101", "MR-102", "MR-103", "\N{REPLACEMENT CHARACTER}\0MR",
+        ]
+        os.close(main)
+        lost = entries.next()
+        assert lost is not None
+        assert lost.text is None, "the line says so, and goes on with the keyboard"
+
+
 def test_runs_are_known_by_serial_number_day_and_verdict(tmp_path: Path) -> None:
     run_of(tmp_path, "MR-101", "ok", NOW - timedelta(days=1))
     run = run_of(tmp_path, "MR-102", "not-ok")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,7 +44,7 @@ def test_a_server_that_is_away_during_a_test_has_every_specimen_once_in_the_end(
             line.stdin.flush()
             if number == 2:
                 postgresql.stop("immediate")
-            until(lambda: (tmp_path / "messages").read_text().count("scan the next serial number") == number)
+            until(partial(waits_for_the_next, tmp_path / "messages", number))
             if number == 2:
                 time.sleep(3.0)  # its delivery fails meanwhile
                 postgresql.start()
@@ -63,6 +64,11 @@ def test_a_server_that_is_away_during_a_test_has_every_specimen_once_in_the_end(
         folder.transaction(reading=True) as own, remote.transaction(reading=True) as theirs,
     ):
         assert own.execute(query).all() == theirs.execute(query).all()
+
+
+def waits_for_the_next(messages: Path, number: int) -> bool:
+    """Whether so many specimens have their result: what is entered before is refused."""
+    return messages.read_text(encoding="utf-8").count("scan the next serial number") == number
 
 
 def delivered(server: str) -> list[str]:
