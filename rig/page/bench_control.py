@@ -42,6 +42,7 @@ from rig.station.live_folder import (
 )
 
 LOOK_EVERY_NS = 1_000_000_000
+HISTORY_EVERY_NS = 10_000_000_000
 ANSWER_S = 180.0
 MOST_WAITING = 6
 """Requests of all browsers together, the one that is processed among them."""
@@ -152,6 +153,7 @@ class BenchControl:
         self._place = place
         self._looked_ns = -LOOK_EVERY_NS
         self._listed_ns: int | None = None
+        self._history_ns = self._now_ns()
         self._listing = asyncio.Lock()
         self._plans: dict[str, dict[str, Any]] = {}
         self._asking = asyncio.Lock()
@@ -300,6 +302,17 @@ class BenchControl:
         if self._listing.locked():
             return False
         return self._listed_ns is None or (self._now_ns() - self._listed_ns >= LOOK_EVERY_NS and self.idle)
+
+    def history_due(self) -> bool:
+        """Whether to read the folder of runs again, about every 10 s while no run is in progress.
+
+        Other programs write imported runs and reports there.
+        """
+        now_ns = self._now_ns()
+        due = self.idle and now_ns - self._history_ns >= HISTORY_EVERY_NS
+        if due:
+            self._history_ns = now_ns
+        return due
 
     async def list_matrices(self) -> None:
         """Read the folder of matrix files; a Stop does not wait for this."""

@@ -290,6 +290,14 @@ class PageServer:
             self._send_status(self._control)
         self._send_lease()
 
+    async def _look_again(self, control: BenchControl) -> None:
+        """Show what other programs have changed in the folder of runs."""
+        before = control.history.runs
+        async with self._looking:
+            await asyncio.to_thread(control.history.look)
+        if control.history.runs != before:
+            broadcast(self._on_bench(), written(self._history(control)))
+
     @staticmethod
     def _history(control: BenchControl) -> dict[str, Any]:
         return {"type": "history", "runs": control.history.runs, "today": control.history.today}
@@ -510,6 +518,8 @@ class PageServer:
         if self._on_bench():
             if control.matrices_due:
                 self._later(control.list_matrices())
+            if not self._looking.locked() and control.history_due():
+                self._later(self._look_again(control))
             self._send_status(control)
 
 

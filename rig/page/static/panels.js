@@ -57,7 +57,7 @@ function show_row(id, one = point(id)) {
   if (!row || row.dataset.shown === wanted) return;
   const focused = row.contains(document.activeElement), verdict = judged.verdict || "", mark = { valid: "✓", suspect: "?", invalid: "✗" }[verdict] || "·";
   row.dataset.shown = wanted; row.className = `row ${verdict.replace(" ", "-")}${row === running_row ? " running" : ""}`; row.title = `${id}: ${describe(one)}${verdict ? `, ${verdict}` : ""}`;
-  const peaks = peaks_of(judged), motion = element("span", describe(one), "motion"), head = element("b", `${mark} ${id}`);
+  const peaks = peaks_of(judged), motion = element("span", describe(one).replace(/ A$/, "\u00a0A"), "motion"), head = element("b", `${mark} ${id}`);
   head.setAttribute("aria-label", `${id} ${verdict}`);
   row.replaceChildren(head, motion, element("span", peaks ? peak_text(peaks[1]) : "", "force"), element("span", peaks ? peak_text(peaks[0]) : "", "force"));
   if (judged.file) {

@@ -494,6 +494,30 @@ def test_a_finished_run_is_shown_to_the_browser_that_opens_it_until_a_run_begins
     control.watched.close()
 
 
+def test_a_report_that_another_program_writes_appears_in_the_history(rig: Rig, tmp_path: Path) -> None:
+    run = tmp_path / "logs" / "20260102T030405Z-MR-1-aaaaaa"
+    (run / "points").mkdir(parents=True)
+    bench = Bench(tmp_path / "b.toml", "b", frozenset(), tmp_path, tmp_path / "logs", tmp_path, simulate=True)
+    seconds = iter(range(1, 10_000))
+    control = BenchControl(bench, lambda: next(seconds) * 1_000_000_000, tmp_path / "no-run-yet")
+
+    async def do(page: PageServer, access: Access) -> None:
+        await page.refresh()
+        uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.VIEWER]}&client=a&view=bench"
+        async with connect(uri) as browser:
+            reported = []
+            while len(reported) < 2:
+                message = json.loads(await browser.recv())
+                if message["type"] == "history":
+                    reported.append(message["runs"][0]["report"])
+                    (run / "report.html").write_text("x")
+                page.send_changes()
+        assert reported == [False, True]
+
+    served(rig, do, shown=control)
+    control.watched.close()
+
+
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl to make a certificate with")
 def test_over_tls_the_page_opens_by_its_name_alone(rig: Rig, tmp_path: Path) -> None:
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
