@@ -65,10 +65,12 @@ print("  from the truth (standard errors): " + ", ".join(f"{name} {value:+.1f}" 
 """
 
 
-def write(path: Path, seconds: float, rate_Hz: float, kind: str, motion: tuple[float, float, float]) -> None:
-    """A CSV file of one test: amplitude (m), frequency (Hz) and current (A)."""
+def write(
+    path: Path, seconds: float, rate_Hz: float, kind: str, motion: tuple[float, float, float], seed: int = 1
+) -> None:
+    """A CSV file of one test: amplitude (m), frequency (Hz) and current (A); its noise is that of the seed."""
     amplitude_m, frequency_Hz, current_A = motion
-    random, time_s = np.random.default_rng(1), np.arange(round(seconds * rate_Hz)) / rate_Hz
+    random, time_s = np.random.default_rng(seed), np.arange(round(seconds * rate_Hz)) / rate_Hz
     omega = 2.0 * np.pi * frequency_Hz
     sine, cosine = np.sin(omega * time_s), np.cos(omega * time_s)
     u, v, a = amplitude_m * sine, amplitude_m * omega * cosine, -amplitude_m * omega**2 * sine
@@ -94,7 +96,7 @@ def imported(kind: str, folder: Path) -> Path:
         frequencies_Hz = np.linspace(0.25, 2.5, 10).tolist()
         motions = [(u, f, i) for i in np.linspace(0.0, 2.0, 10).tolist() for f in frequencies_Hz for u in (0.01, 0.02)]
         for number, motion in enumerate(motions):
-            write(files / f"t{number:03}.csv", 10.1 / motion[1], 250.0, "sine", motion)
+            write(files / f"t{number:03}.csv", 10.1 / motion[1], 250.0, "sine", motion, number)
     else:
         write(files / "long.csv", 1000.0, 1000.0, kind, (0.02, 1.0, 0.5))
     began_s = time.process_time()

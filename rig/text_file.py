@@ -197,12 +197,40 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
     except FileNotFoundError as error:
         raise FileProblem(str(path), ["there is no such file"]) from error
     except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileProblem(str(path), [f"cannot be read: {why}"]) from error
-    if len(raw) > limit_bytes:
+        raise FileProblem(str(path), [f"cannot be read: {_reason(error)}"]) from error
+    _check_size(path, len(raw), limit_bytes)
+    return raw
+
+
+def lines_of(path: Path, limit_bytes: int) -> Iterator[bytes]:
+    """Lines of a regular file with their line ends, one at a time, so that memory does not grow with the file.
+
+    Raises:
+        FileProblem: as `read_bytes`.
+    """
+    try:
+        with open_regular(path) as file:
+            _check_size(path, os.fstat(file.fileno()).st_size, limit_bytes)
+            yield from file
+    except FileNotFoundError as error:
+        raise FileProblem(str(path), ["there is no such file"]) from error
+    except (OSError, ValueError) as error:
+        raise FileProblem(str(path), [f"cannot be read: {_reason(error)}"]) from error
+
+
+def _check_size(path: Path, size_bytes: int, limit_bytes: int) -> None:
+    """Refuse a file that is too large.
+
+    Raises:
+        FileProblem: it is.
+    """
+    if size_bytes > limit_bytes:
         size = f"{limit_bytes // 1024} KiB" if limit_bytes < 1_000_000 else f"{limit_bytes / 1e6:g} MB"
         raise FileProblem(str(path), [f"larger than {size}, the maximum for a file of this kind"])
-    return raw
+
+
+def _reason(error: OSError | ValueError) -> str | None:
+    return error.strerror if isinstance(error, OSError) else str(error)
 
 
 def _kind(mode: int) -> str:

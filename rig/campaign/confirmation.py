@@ -8,7 +8,7 @@ states how. Both are stored in the journal, so that nothing is confirmed twice.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from rig.campaign.stop_cause import OPERATOR
 from rig.campaign_folder import CampaignFolder
 from rig.errors import Refused
 from rig.faults.matrix import MATRIX
-from rig.recording.journal.campaign_log import UNREADABLE, read_lines
+from rig.recording.journal.campaign_log import UNREADABLE, each_line
 
 REQUALIFY = "n"
 CONFIRM = "c"
@@ -86,11 +86,17 @@ def open_stops(folder: Path) -> tuple[EarlierStop, ...]:
     Raises:
         OSError: the journal cannot be read.
     """
-    campaign = CampaignFolder(folder)
-    lines = read_lines(folder) if campaign.journal.is_file() else []
-    if any(campaign.points.glob("*")) and not {"connected", "requalified"} & {line["event"] for line in lines}:
+    campaign, events = CampaignFolder(folder), set[str]()
+
+    def lines() -> Iterator[dict[str, Any]]:
+        for line in each_line(folder) if campaign.journal.is_file() else ():
+            events.add(line["event"])
+            yield line
+
+    stops = unconfirmed(lines())
+    if any(campaign.points.glob("*")) and not {"connected", "requalified"} & events:
         return (_damaged(f"{CampaignFolder.journal} is missing or truncated"),)
-    return unconfirmed(lines)
+    return stops
 
 
 def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import AlgebraicModel, DamperModel, Jump
 from rig.dampers.parameter import LAG, Hysteresis, Parameter, linear_parameter, shape_parameter
-from rig.dampers.separation import OwnNames
+from rig.dampers.separation import Joinable, OwnNames
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
-    from rig.dampers.separation import Motion, MotionScale, Search, Separation
+    from rig.dampers.separation import JoinedMotions, Motion, MotionScale, Search, Separation
 
 BETA_LIMITS = (1e-3, 1e9)  # s/m: from a straight line to a sign function
 STEEPNESS = np.geomspace(1.5, 1500.0, 11)  # starts: beta times the greatest speed
@@ -178,7 +178,7 @@ def general_coefficients(model: ColumnModel, names: Sequence[str], candidates: F
     return general
 
 
-class AlgebraicSeparation(OwnNames):
+class AlgebraicSeparation(OwnNames, Joinable):
     """An algebraic model split for projection: see `Separation`."""
 
     pointwise = True
@@ -198,7 +198,9 @@ class AlgebraicSeparation(OwnNames):
         """See `Separation.fixed_columns`."""
         return self.model.fixed_columns(u, v, a, current)
 
-    def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+    def yielding(
+        self, source: Motion | JoinedMotions, rows: slice, shape: FloatArray, *, slope: bool
+    ) -> list[FloatArray]:
         """See `Separation.yielding`."""
         values = dict(zip(self.shape_names, shape, strict=True))
         u, v = source.u_m[rows], source.v_m_s[rows]

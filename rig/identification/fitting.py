@@ -39,7 +39,7 @@ from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.scoring import score, with_extrapolations
+from rig.identification.uncertainty.scoring import misfits, rmse_N, with_extrapolations
 from rig.jobs.time_left import TimeLeft
 from rig.jobs.workers import HERE, Job
 from rig.matrix.corrections import Correction
@@ -249,7 +249,7 @@ def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], 
     def error_N(tests: list[Measurement]) -> float:
         findings = examine(best.model, tests)
         solution = solve(best.model, tests, method, findings, best.solution.values)
-        return score(best.model, solution.values, tests).rmse_N
+        return rmse_N(misfits(best.model, solution.values, tests))
 
     return error_N
 

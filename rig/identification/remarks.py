@@ -249,6 +249,11 @@ WARNINGS = {
         "{errors:g} standard errors, so the intervals, which apply to that solution, are not valid. Fix: increase "
         "the budget, or use separable"
     ),
+    "drifting-tests": (
+        "the force changes steadily from the first to the last cycle of {tests}, by up to {percent:.2g} % of the peak "
+        "force (in {worst}); the intervals include this drift. Check the temperature of the damper, the gas pressure "
+        "and the load cell. Fix: use a temperature correction, or fewer cycles"
+    ),
     "systematic-residuals": (
         "{count} of {tests} residuals are systematic{worst}; the intervals are widened by a factor of {widening:.1f}"
     ),

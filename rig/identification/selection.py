@@ -17,14 +17,14 @@ import numpy as np
 from rig.dampers.covered import in_words
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
-from rig.fits.entries import ModelScore, TestError, mean_within
+from rig.fits.entries import ModelScore, mean_within
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced, spanning
 from rig.identification.models.separable import SCREENED, SearchAbandoned, SearchState, motion_scale
-from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
+from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, solve_folds
 from rig.identification.models.undetermined import examine
 from rig.identification.remarks import Remark, say, some
-from rig.identification.uncertainty.scoring import score, with_extrapolations
+from rig.identification.uncertainty.scoring import misfits, rmse_N
 from rig.jobs.time_left import TimeLeft
 from rig.jobs.workers import HERE, Job, Workers
 
@@ -65,12 +65,12 @@ def _attempt(
         with evaluating(f"the fit of {model.name}"):
             candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
             seen = spanning(fitted, SCREENED)
-            rmse_N = math.inf if alone else score(model, candidate.solution.values, seen).rmse_N
+            error_N = math.inf if alone else rmse_N(misfits(model, candidate.solution.values, seen))
     except SearchAbandoned as error:
         return _Attempt(None, math.inf, error.reached, free)
     except IdentificationFailed as error:
         return _Attempt(None, math.inf, None, free, str(error))
-    return _Attempt(candidate, rmse_N, candidate.solution.reached, free)
+    return _Attempt(candidate, error_N, candidate.solution.reached, free)
 
 
 def candidates_of(
@@ -233,22 +233,20 @@ def _score(
 ) -> ModelScore:
     """In a worker: scores that rank a candidate; if it is `alone` without held-out tests, nothing is predicted."""
     model, values = candidate.model, candidate.solution.values
-    error = score(model, values, fitted)
+    misfit = misfits(model, values, fitted)
     if held_out:
-        covered = covered_by(fitted)
-        scored = with_extrapolations(score(model, values, held_out), [beyond(covered, test) for test in held_out])
-        unseen = list(scored.per_test)
+        unseen = _predicted(model, values, held_out, fitted)
     else:
         unseen = [] if alone else cross_validated(model, fitted, method, values)
     errors = [(test.nrmse_percent_of_peak, test.beyond) for test in unseen]
-    samples = sum(test.samples for test in error.per_test)
+    samples, error_N = sum(test.samples for test in misfit), rmse_N(misfit)
     free = len(candidate.findings.free(values))
-    bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
+    bic = samples * math.log(max(error_N, 1e-300) ** 2) + free * math.log(samples)
     return ModelScore(
         model.name,
         sum(one for one, _ in errors) / len(errors) if errors else None,
         bic,
-        error.rmse_N,
+        error_N,
         free,
         method.name,
         within_nrmse_percent_of_peak=mean_within(errors),
@@ -256,25 +254,42 @@ def _score(
     )
 
 
+@dataclass(frozen=True)
+class _Predicted:
+    """Error of a prediction of a test, and the quantities in which the test lies beyond the fitted ones."""
+
+    id: str
+    nrmse_percent_of_peak: float
+    beyond: tuple[str, ...]
+
+
+def _predicted(
+    model: DamperModel, values: Mapping[str, float], unseen: Sequence[Measurement], fitted: Sequence[Measurement]
+) -> list[_Predicted]:
+    """Errors on tests of a fit that has not seen them."""
+    covered = covered_by(fitted)
+    return [
+        _Predicted(test.id, one.nrmse_percent_of_peak, beyond(covered, test))
+        for test, one in zip(unseen, misfits(model, values, unseen), strict=True)
+    ]
+
+
 def cross_validated(
     model: DamperModel, measurements: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
-) -> list[TestError]:
+) -> list[_Predicted]:
     """Errors of groups of tests, each predicted from the others, beyond whose data it may lie; none with one group.
 
     One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
     can make use of a start: this ranks models, nothing else.
     """
     measurements = [spaced(first_cycle(test), RANKING_SAMPLES) for test in measurements]
-    groups = groups_of(measurements)
+    groups = set_of(measurements).groups
     if len(groups) < 2:
         return []
-    errors: list[TestError] = []
-    for group in groups:
-        rest = [test for test in measurements if not any(test is other for other in group)]
-        solution = solve(model, rest, method, examine(model, rest), near)
-        covered = covered_by(rest)
-        scored = with_extrapolations(score(model, solution.values, group), [beyond(covered, test) for test in group])
-        errors += scored.per_test
+    errors: list[_Predicted] = []
+    for group, values in zip(groups, solve_folds(model, measurements, groups, method, near), strict=True):
+        rest = [test for number, test in enumerate(measurements) if number not in set(group)]
+        errors += _predicted(model, values, [measurements[number] for number in group], rest)
     return errors
 
 
@@ -299,7 +314,7 @@ def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measur
     errors_N = []
     for candidate in candidates:
         away = [_away_from_jumps(test, [candidate.model]) for test in fitted]
-        errors_N.append(score(candidate.model, candidate.solution.values, away).rmse_N)
+        errors_N.append(rmse_N(misfits(candidate.model, candidate.solution.values, away)))
     least_N = min(errors_N)
     return least_N / scatter_N if scatter_N > 0.0 else math.nan
 

@@ -9,7 +9,7 @@ is summed from the residuals themselves.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -20,7 +20,6 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.dampers.parameter import ModelProblem
 from rig.dampers.separation import MotionScale, Separation
-from rig.dampers.unit_columns import UnitSeparation
 from rig.errors import IdentificationFailed
 from rig.identification.models.inner_least_squares import Inner
 from rig.identification.models.measurement import Measurement, first_cycle, spaced, spanning
@@ -40,10 +39,11 @@ LOOP_ROUGH, LOOP_FINE = 1e-3, 1e-8  # the same for loops: among starts, at last
 LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its logarithm
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
-DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 ABANDON_RATIO = 2.0  # times a rival's root mean square error, after the descents; start values are not compared
 LEAST_CURVATURE = 0.02  # least eigenvalue of the estimated curvature, each unknown scaled by its own J'J
 FLAT = 1e-12  # share of the largest curvature below which the curvature of an unknown is not estimated
+NON_NEGATIVE = frozenset({"m"})  # linear parameters of algebraic models
+NEWTON_STEP = 1e-3  # share of a shape parameter by which it is moved to compute the curvature of folds
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
@@ -131,7 +131,7 @@ def solve_separable(
     weighting: Weighting | None = None,
     *,
     held: frozenset[str] = frozenset(),
-    non_negative: frozenset[str] = frozenset({"m"}),
+    non_negative: frozenset[str] = NON_NEGATIVE,
     start: FloatArray | None = None,
 ) -> Solution:
     """Fit an algebraic model whose columns are known in closed form.
@@ -164,13 +164,13 @@ def solve_separable(
         top_m_s = max(float(max(np.max(test.v_m_s), -np.min(test.v_m_s))) for test in measurements)
         starts = _starts(thin, model.start_grid(top_m_s))
         cost = thin.evaluations / every
-    refined = [refine(full, shape) for shape in starts]
-    shape, inner = min(refined, key=lambda minimum: minimum[1].objective)
-    bound = _negative(full.form, inner, non_negative)
+    best = min((refine(full, shape) for shape in starts), key=lambda minimum: minimum.inner.objective)
+    bound = _negative(full.form, best.inner, non_negative)
     if bound:
         rest = full.without(held | frozenset(bound))
-        shape, inner = refine(rest, shape)
+        best = refine(rest, best.shape)
         cost += rest.evaluations
+    shape, inner = best.shape, best.inner
     objective = full.plain(shape, inner.linear)
     limits = limits_met(full.form, shape)
     evaluations = full.evaluations + int(np.ceil(cost))
@@ -223,35 +223,89 @@ def solve_loop(
         thin = Projection(form, few, weighting, without=without)
         order = np.argsort([thin.objective(shape) for shape in form.starts])[:LOOP_STARTS]
         refined = [refine(thin, form.starts[k], LOOP_ROUGH, secant=True) for k in order]
-        start, _ = min(refined, key=lambda minimum: minimum[1].objective)
+        start = min(refined, key=lambda minimum: minimum.inner.objective).shape
         passes += thin.evaluations * _samples(few)
     else:
         start = form.shape_of(near)
-    full = Projection(form, measurements, weighting, without=without)
-    same = all(one is test for one, test in zip(single, measurements, strict=True))
-    short = full if same else Projection(form, single, weighting, without=without)
-    shape, inner = refine(short, start, LOOP_ROUGH, secant=True)
-    if isinstance(form, UnitSeparation) and inner.objective > DESCRIBED * _noise_power(single, weighting):
-        inner = full.solve(shape, slope=False)
-    else:
-        shape, inner = refine(full, shape, LOOP_FINE, secant=True)
-    passes += 0.0 if same else short.evaluations * _samples(single)
+    full, rest = Projection(form, measurements, weighting, without=without), None
+    if not all(one is test for one, test in zip(single, measurements, strict=True)):
+        short = Projection(form, single, weighting, without=without)
+        of_short = refine(short, start, LOOP_FINE, secant=True)
+        start, rest = of_short.shape, of_short.rest * (full.samples / max(1, short.samples))
+        passes += short.evaluations * _samples(single)
+    best = refine(full, start, LOOP_FINE, secant=True, rest=rest)
     evaluations = full.evaluations + int(np.ceil(passes / _samples(measurements)))
-    values = form.values(inner.linear, shape)
-    return Solution(values, inner.objective, evaluations, at_limit=limits_met(form, shape))
+    values = form.values(best.inner.linear, best.shape)
+    return Solution(values, best.inner.objective, evaluations, at_limit=limits_met(form, best.shape))
+
+
+def solve_folds(
+    measurements: Sequence[Measurement],
+    split: Callable[[Sequence[Measurement]], Separation],
+    weighting: Weighting,
+    folds: Sequence[tuple[Sequence[int], frozenset[str]]],
+    near: Mapping[str, float],
+) -> list[dict[str, float]]:
+    """Parameters (SI) of fits to all tests but one group, for each group.
+
+    The model is fitted to all tests first. The sums over the samples there, and at a small step of each shape parameter
+    from there, are computed once: they give the gradient and the curvature of each fit, whose first step is then a
+    Newton step.
+
+    Args:
+        measurements: the tests.
+        split: splits the model, with limits that suit the tests.
+        weighting: which samples count, and how much.
+        folds: indices of the tests of each group, with the linear parameters held at zero when it is left out.
+        near: values to start from.
+    """
+    group_of = np.zeros(len(measurements), dtype=int)
+    for number, (group, _) in enumerate(folds):
+        group_of[list(group)] = number
+    form = split(measurements)
+    without = form.held_here(frozenset.intersection(*(held for _, held in folds)))
+    whole = Projection(form, measurements, weighting, without=without, groups=group_of.tolist())
+    start = refine(whole, form.shape_of(near), LOOP_FINE, secant=True).shape
+    beside = _beside(form, start)
+    for shape in (start, *beside):
+        whole.remember(shape)
+    solutions = []
+    for number, (_, held) in enumerate(folds):
+        own = split([test for test, group in zip(measurements, group_of.tolist(), strict=True) if group != number])
+        projection = whole.left_out(number, own, own.held_here(held))
+        inside = np.clip(start, own.limits[:, 0], own.limits[:, 1])
+        rest = _rest(projection, start, beside) if beside else None
+        best = refine(projection, inside, LOOP_FINE, secant=True, rest=rest)
+        solutions.append(own.values(best.inner.linear, best.shape))
+    return solutions
+
+
+def _beside(form: Separation, shape: FloatArray) -> list[FloatArray]:
+    """A small step of each shape parameter from a shape, within the limits; none if one of them cannot move."""
+    shapes = []
+    for k, (logarithmic, (_, high)) in enumerate(zip(form.logarithmic, form.limits.tolist(), strict=True)):
+        step = NEWTON_STEP * float(shape[k] if logarithmic else max(abs(shape[k]), 1.0))
+        moved = shape.copy()
+        moved[k] += step if shape[k] + step <= high else -step
+        if step <= 0.0:
+            return []
+        shapes.append(moved)
+    return shapes
+
+
+def _rest(projection: Projection, start: FloatArray, beside: Sequence[FloatArray]) -> FloatArray:
+    """Curvature that J'J leaves out at `start`, shape (s, s), from the gradients at the shapes of `_beside`."""
+    logarithmic = np.array(projection.form.logarithmic, dtype=bool)
+    at, chain = projection.solve(start), np.where(logarithmic, start, 1.0)
+    whole = np.empty((start.size, start.size))
+    for k, shape in enumerate(beside):
+        change = projection.solve(shape).gradient * np.where(logarithmic, shape, 1.0) - at.gradient * chain
+        whole[k] = -change / (math.log(shape[k] / start[k]) if logarithmic[k] else shape[k] - start[k])
+    return np.asarray(0.5 * (whole + whole.T) - at.curvature * (chain[:, None] * chain))
 
 
 def _samples(measurements: Sequence[Measurement]) -> int:
     return sum(test.u_m.size for test in measurements)
-
-
-def _noise_power(measurements: Sequence[Measurement], weighting: Weighting) -> float:
-    """What the tests' scatter alone would leave of the objective; infinite where it is not known."""
-    powers = [
-        test.sample_noise_N**2 * float(np.sum(weighting.of(test, index) ** 2))
-        for index, test in enumerate(measurements)
-    ]
-    return sum(powers) if math.isfinite(sum(powers)) else math.inf
 
 
 def limits_met(form: Separation, shape: FloatArray) -> dict[str, float]:
@@ -278,12 +332,12 @@ def _negative(form: Separation, inner: Inner, non_negative: frozenset[str]) -> t
 def _starts(thin: TanhProjection, grid: FloatArray) -> list[FloatArray]:
     """The best minimum of the thinned data, and the next one where those data do not rule it out."""
     refined = [refine(thin, shape, ROUGH) for shape in _best_of_grid(thin, grid)]
-    (best, inner), *others = sorted(refined, key=lambda minimum: minimum[1].objective)
-    possible = RULED_OUT * inner.objective + FEW_DECIDE * thin.power
-    for shape, rival in others:
-        if rival.objective <= possible and not np.allclose(shape, best, rtol=0.1, atol=1e-3):
-            return [best, shape]
-    return [best]
+    best, *others = sorted(refined, key=lambda minimum: minimum.inner.objective)
+    possible = RULED_OUT * best.inner.objective + FEW_DECIDE * thin.power
+    for other in others:
+        if other.inner.objective <= possible and not np.allclose(other.shape, best.shape, rtol=0.1, atol=1e-3):
+            return [best.shape, other.shape]
+    return [best.shape]
 
 
 def _best_of_grid(thin: TanhProjection, grid: FloatArray) -> list[FloatArray]:
@@ -318,23 +372,31 @@ class _ShapeSquares(Squares):
     while the objective falls beyond it.
     """
 
-    def __init__(self, projection: Projected, *, secant: bool) -> None:
+    def __init__(self, projection: Projected, *, secant: bool, rest: FloatArray | None = None) -> None:
         self._projection = projection
         self.logarithmic, self._limits = np.array(projection.form.logarithmic, dtype=bool), projection.form.limits
-        self._last: Inner | None = None
-        self.taken: Inner | None = None
+        self._last: tuple[FloatArray, Inner] | None = None
         self._secant = secant
         self._before: tuple[FloatArray, FloatArray] | None = None
-        self._rest = np.zeros((self.logarithmic.size, self.logarithmic.size))
+        self.rest = np.zeros((self.logarithmic.size, self.logarithmic.size)) if rest is None else rest
+
+    def at(self, theta: FloatArray) -> Inner:
+        """The inner solution; computed once for successive calls with the same shape."""
+        if self._last is None or not np.array_equal(theta, self._last[0]):
+            self._last = theta, self._projection.solve(theta)
+        return self._last[1]
+
+    def forget(self) -> None:
+        """Return to J'J alone."""
+        self._before, self.rest = None, np.zeros_like(self.rest)
 
     def value(self, theta: FloatArray) -> float:
         """See `Squares.value`."""
-        self._last = self._projection.solve(theta)
-        return self._last.objective
+        return self.at(theta).objective
 
     def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Squares.slopes`."""
-        self.taken = inner = self._last or self._projection.solve(theta)
+        inner = self.at(theta)
         chain = np.where(self.logarithmic, theta, 1.0)
         curvature, gradient = inner.curvature * (chain[:, None] * chain), inner.gradient * chain
         if self._secant:
@@ -352,9 +414,9 @@ class _ShapeSquares(Squares):
 
     def _whole(self, curvature: FloatArray) -> FloatArray:
         """J'J with the estimated rest; J'J alone if the sum is not positive definite or the shape has no effect."""
-        if not np.max(np.abs(self._rest), initial=0.0) < np.max(np.diag(curvature), initial=0.0) / FLAT:
+        if not np.max(np.abs(self.rest), initial=0.0) < np.max(np.diag(curvature), initial=0.0) / FLAT:
             return curvature
-        whole, scale = curvature + self._rest, unit_scale(curvature, FLAT)
+        whole, scale = curvature + self.rest, unit_scale(curvature, FLAT)
         definite = np.linalg.eigvalsh(whole / np.outer(scale, scale))[0] > LEAST_CURVATURE
         return whole if definite else curvature
 
@@ -364,9 +426,9 @@ class _ShapeSquares(Squares):
             step, change = place - self._before[0], self._before[1] - gradient
             length = float(step @ step)
             if length > 0.0:
-                missing = change - (curvature + self._rest) @ step
-                self._rest += (np.outer(missing, step) + np.outer(step, missing)) / length
-                self._rest -= float(step @ missing) / length**2 * np.outer(step, step)
+                missing = change - (curvature + self.rest) @ step
+                self.rest += (np.outer(missing, step) + np.outer(step, missing)) / length
+                self.rest -= float(step @ missing) / length**2 * np.outer(step, step)
         self._before = place, gradient.copy()
 
     def moved(self, theta: FloatArray, step: FloatArray) -> FloatArray:
@@ -376,18 +438,44 @@ class _ShapeSquares(Squares):
         return np.asarray(np.minimum(np.maximum(trial, self._limits[:, 0]), self._limits[:, 1]))
 
 
+@dataclass(frozen=True)
+class Minimum:
+    """Where a descent on a projected objective ended.
+
+    Attributes:
+        shape: shape parameters, shape (s,).
+        inner: the inner solution there.
+        rest: estimate of the curvature that J'J leaves out, by logarithms of positive parameters, shape (s, s).
+    """
+
+    shape: FloatArray
+    inner: Inner
+    rest: FloatArray
+
+
 def refine(
-    projection: Projected, start: FloatArray, tolerance: float = TOLERANCE, *, secant: bool = False
-) -> tuple[FloatArray, Inner]:
-    """Descend on the projected objective; the shape (s,) it ends at, and the inner solution there.
+    projection: Projected,
+    start: FloatArray,
+    tolerance: float = TOLERANCE,
+    *,
+    secant: bool = False,
+    rest: FloatArray | None = None,
+) -> Minimum:
+    """Descend on the projected objective.
 
     Args:
         projection: the objective as a function of the shape.
         start: shape parameters, shape (s,).
         tolerance: it ends when a step promises less than this share of the objective.
-        secant: whether the rest of the curvature is estimated, too; see `_ShapeSquares`.
+        secant: whether the rest of the curvature is estimated, too; see `_ShapeSquares`. A search with a fine tolerance
+            is then continued from J'J alone, because an estimate that is too large ends it too early.
+        rest: that rest at the start, shape (s, s); unknown by default.
     """
-    squares = _ShapeSquares(projection, secant=secant)
-    longest = np.where(squares.logarithmic, LONGEST_LOGARITHM, np.inf)
-    shape, _ = descend(squares, start, Descent(tolerance, longest=longest))
-    return shape, squares.taken or projection.solve(shape)
+    squares = _ShapeSquares(projection, secant=secant, rest=rest)
+    descent = Descent(tolerance, longest=np.where(squares.logarithmic, LONGEST_LOGARITHM, np.inf))
+    shape, _ = descend(squares, start, descent)
+    estimate = squares.rest
+    if secant and tolerance < LOOP_ROUGH:
+        squares.forget()
+        shape, _ = descend(squares, shape, descent)
+    return Minimum(shape, squares.at(shape), estimate)

@@ -15,19 +15,27 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from rig.dampers import MODELS
-from rig.dampers.algebraic import ColumnModel
+from rig.dampers.algebraic import AlgebraicSeparation, ColumnModel, TanhModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel, base_of
 from rig.dampers.model import DamperModel
+from rig.dampers.separation import Separation
 from rig.errors import IdentificationFailed
 from rig.identification.models.law_search import solve_with_current_law
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem, unmirrored
 from rig.identification.models.projection import Weight, Weighting
-from rig.identification.models.separable import Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.models.separable import (
+    NON_NEGATIVE,
+    Solution,
+    motion_scale,
+    solve_loop,
+    solve_separable,
+)
+from rig.identification.models.separable import solve_folds as split_folds
 from rig.identification.models.three_steps import solve_three_steps
-from rig.identification.models.undetermined import Undetermined
+from rig.identification.models.undetermined import Undetermined, examine
 
 if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
     from concurrent.futures import Executor
@@ -158,6 +166,50 @@ def solve(
     if method.name not in known_methods():
         raise IdentificationFailed(f"method: got {method.name!r}, expected one of {', '.join(known_methods())}")
     return _search(model, measurements, method, findings)
+
+
+def solve_folds(
+    model: DamperModel,
+    measurements: Sequence[Measurement],
+    groups: Sequence[Sequence[int]],
+    method: Method,
+    near: Mapping[str, float] | None,
+) -> list[dict[str, float]]:
+    """Parameters (SI) of fits to all tests but one group, for each group.
+
+    Args:
+        model: the damper model.
+        measurements: the tests.
+        groups: indices of the tests of each group.
+        method: how, as in `solve`.
+        near: values of a fit to all tests, to start from.
+
+    Raises:
+        IdentificationFailed: as `solve`.
+    """
+    rests = [[test for number, test in enumerate(measurements) if number not in set(group)] for group in groups]
+    findings = [examine(model, rest) for rest in rests]
+    split = _splitting(model, measurements) if method.name == SEPARABLE and method.loss == SQUARES else None
+    if split is None or near is None:
+        return [solve(model, rest, method, one, near).values for rest, one in zip(rests, findings, strict=True)]
+    folds = [(group, frozenset(one.held)) for group, one in zip(groups, findings, strict=True)]
+    fitted = split_folds(measurements, split, method.weighting(model), folds, near)
+    for number, values in enumerate(fitted):
+        if isinstance(model, ColumnModel) and any(values.get(name, 0.0) < 0.0 for name in NON_NEGATIVE):
+            fitted[number] = solve(model, rests[number], method, findings[number], values).values
+    return fitted
+
+
+def _splitting(
+    model: DamperModel, measurements: Sequence[Measurement]
+) -> Callable[[Sequence[Measurement]], Separation] | None:
+    """How a model with shape parameters splits for some tests; None if it does not, or is fitted otherwise."""
+    if isinstance(model, TanhModel):
+        form = AlgebraicSeparation(model)
+        return lambda tests: form
+    if isinstance(model, ColumnModel | CurrentLawModel) or not splits(model, measurements):
+        return None
+    return lambda tests: cast("Separation", model.separation(motion_scale(tests)))
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 Started from what the model proposes, which may be the solution of a simpler model that it contains as a limit. Starts
 compete on one cycle of at most `SCREENED` tests, the best goes on with one cycle of each test, and is finished on all
-samples where it comes near the noise.
+samples.
 
 The search is bounded by evaluations, on one cycle of each test of at most `SEARCHED` samples, and no state may be
 faster than the integration can follow; so its work is bounded whatever the data are, and the same on any machine.
@@ -195,7 +195,7 @@ def solve_states(
         short = StateSquares(search, unknowns, few, weighting)
         short.evaluations = math.ceil(seen_share / max(1, short.counting))
     share = short.counting / max(1, full.counting)
-    theta, left = best if len(thetas) == 1 and not widened else short.minimise(best[0], ITERATIONS, ROUGH)
+    theta, _ = best if len(thetas) == 1 and not widened else short.minimise(best[0], ITERATIONS, ROUGH)
     natural = unknowns.values(theta)
     bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
     if bound:
@@ -203,9 +203,8 @@ def solve_states(
         unknowns = search.unknowns(natural, held | frozenset(bound))
         short = StateSquares(search, unknowns, few, weighting, short.evaluations)
         full = StateSquares(search, unknowns, measurements, weighting)
-        theta, left = short.minimise(unknowns.theta(search.named(natural)), ITERATIONS, ROUGH)
-    finish = LAST_ITERATIONS if start is None and left <= DESCRIBED * short.noise_power else 0
-    theta, objective = full.minimise(theta, finish) if finish else (theta, full.value(theta))
+        theta, _ = short.minimise(unknowns.theta(search.named(natural)), ITERATIONS, ROUGH)
+    theta, objective = (theta, full.value(theta)) if start is not None else full.minimise(theta, LAST_ITERATIONS)
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
     known = {name: value for name, value in unknowns.values(theta).items() if name != "eta"}
     return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta), reached=reached)

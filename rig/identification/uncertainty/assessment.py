@@ -19,6 +19,7 @@ from rig.identification.options import FitOptions
 from rig.identification.remarks import QUANTITIES, Remark, say, some
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import Information, information, quantile
+from rig.identification.uncertainty.drift import drifting
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.profile import profiles
 from rig.identification.uncertainty.residual_correction import corrected_residuals
@@ -75,6 +76,7 @@ def judged(
     known = information(fit, fitted, robust, options.declared, left)
     fits = describes(model, values, looked_at, weighting, left, known.motion_N2)
     predicts = describes(model, values, predicted, weighting)
+    drift = drifting(looked_at, left)
     del left  # as large as the tests themselves
     found_in_fit = {
         **_too_wide(known, values),
@@ -90,7 +92,7 @@ def judged(
     doubts += [*_of_model(fits, weighting.weight), *_unresolved(fitted)]
     doubts += [say("misses-held-out")] if fits is not False and predicts is False else []
     doubts += [*degenerate(model, values, fitted), *_unfinished(known, method, best.solution)]
-    doubts += [*_correlated(known, fitted), *energy_warnings(error, passive)]
+    doubts += [*_correlated(known, fitted), *drift, *energy_warnings(error, passive)]
     return Fit(
         model=model.name,
         hysteresis=model.hysteresis,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,51 @@ PREDICTED_WITHIN = 2.0  # factor within which errors of the motion are predicted
 QUANTISED_WITHIN = 2.0  # where the force rests, rounding may have this many times its mean square of step^2/12
 
 
+@dataclass(frozen=True)
+class Misfit:
+    """Error of the modelled force on one test.
+
+    Attributes:
+        samples: number of recorded samples with a measured force.
+        mean_square_N2: mean square error of these samples (N^2).
+        peak_force_N: largest deviation of the recorded force from its mean (N).
+    """
+
+    samples: int
+    mean_square_N2: float
+    peak_force_N: float
+
+    @classmethod
+    def of(cls, test: Measurement, error_N: FloatArray) -> Misfit:
+        """The misfit of errors (N) of the samples with a measured force, shape (k,)."""
+        mean_square_N2 = float(error_N @ error_N) / error_N.size + test.scatter_N**2
+        return cls(round(error_N.size * test.recorded_each), mean_square_N2, test.peak_force_N)
+
+    @property
+    def nrmse_percent_of_peak(self) -> float:
+        """Root mean square error relative to the peak force (%); NaN without a force."""
+        return 100.0 * math.sqrt(self.mean_square_N2) / self.peak_force_N if self.peak_force_N > 0.0 else math.nan
+
+
+def misfits(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[Misfit]:
+    """Error of the modelled force on each test, without what `score` adds.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    errors = []
+    for test in measurements:
+        error_N = test.force_N - modelled_force(model, values, test)
+        errors.append(Misfit.of(test, error_N if test.usable is None else error_N[test.usable]))
+    return errors
+
+
+def rmse_N(misfits: Sequence[Misfit]) -> float:
+    """Root mean square error over all samples of the tests (N)."""
+    squares_N2 = sum(one.samples * one.mean_square_N2 for one in misfits)
+    return math.sqrt(squares_N2 / sum(one.samples for one in misfits))
+
+
 def score(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> ErrorSummary:
     """Errors of the modelled force on tests.
 
@@ -51,21 +96,21 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
             (test.force_N, modelled) if test.usable is None else (test.force_N[test.usable], modelled[test.usable])
         )
         error = np.subtract(force, model_N, out=model_N)  # what was modelled is not needed any more
-        mean_N, peak, count = float(np.mean(force)), test.peak_force_N, round(error.size * test.recorded_each)
+        misfit = Misfit.of(test, error)
+        mean_N, count = float(np.mean(force)), misfit.samples
         counts.append(count)
         errors.append(count * float(np.mean(error)))
-        squares.append(count * (float(error @ error) / error.size + test.scatter_N**2))
+        squares.append(count * misfit.mean_square_N2)
         sizes.append(count * float(np.mean(np.abs(recorded_errors(test, error)))))
         forces.append(mean_N)
         spreads.append(count * (float(np.var(force)) + test.scatter_N**2))
-        rmse = math.sqrt(squares[-1] / count)
         tests.append(
             TestError(
                 id=test.id,
                 file=test.file,
-                rmse_N=rmse,
+                rmse_N=math.sqrt(misfit.mean_square_N2),
                 mae_N=sizes[-1] / count,
-                nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
+                nrmse_percent_of_peak=misfit.nrmse_percent_of_peak,
                 noise_N=None if math.isnan(test.noise_N) else test.noise_N,
                 samples=count,
                 energy_J=energies[0],

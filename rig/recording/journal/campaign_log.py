@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from drivers.posix import O_CLOEXEC, O_NOFOLLOW
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns, utc_now
-from rig.text_file import read_bytes
+from rig.text_file import lines_of, open_regular
 
 RESERVE_BYTES = 1 << 17
 LARGEST_BYTES = 1_000_000_000
@@ -40,7 +41,7 @@ class CampaignLog:
 
     def __init__(self, folder: Path) -> None:
         self.path = CampaignFolder(folder).journal
-        torn = self.path.is_file() and read_bytes(self.path, LARGEST_BYTES)[-1:] not in {b"", b"\n"}
+        torn = self.path.is_file() and _last_byte(self.path) not in {b"", b"\n"}
         self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | O_CLOEXEC | O_NOFOLLOW, 0o644)
         if torn:
             # A crash cut the last line off; the next one begins on its own.
@@ -127,18 +128,34 @@ def read_log(folder: Path) -> list[dict[str, Any]]:
 
 def read_lines(folder: Path) -> list[dict[str, Any]]:
     """The same with an event `UNREADABLE`, and the number of its `line`, for every line that is not one of ours."""
-    events: list[dict[str, Any]] = []
-    text = read_bytes(CampaignFolder(folder).journal, LARGEST_BYTES).decode("utf-8", "replace")
-    for number, line in enumerate(text.split("\n"), 1):
-        if not line:
+    return list(each_line(folder))
+
+
+def each_line(folder: Path) -> Iterator[dict[str, Any]]:
+    """The events of `read_lines` one at a time, so that memory does not grow with the journal.
+
+    Raises:
+        FileProblem: the journal cannot be read.
+    """
+    for number, line in enumerate(lines_of(CampaignFolder(folder).journal, LARGEST_BYTES), 1):
+        text = line.decode("utf-8", "replace").removesuffix("\n")
+        if not text:
             continue
         try:
-            event = json.loads(line)
+            event = json.loads(text)
         except (ValueError, RecursionError):
             event = None
         ours = isinstance(event, dict) and isinstance(event.get("event"), str)
-        events.append(_migrated(event) if ours else {"event": UNREADABLE, "line": number})
-    return events
+        yield _migrated(event) if ours else {"event": UNREADABLE, "line": number}
+
+
+def _last_byte(file: Path) -> bytes:
+    """The last byte of a regular file; none if it is empty."""
+    with open_regular(file) as opened:
+        if not os.fstat(opened.fileno()).st_size:
+            return b""
+        opened.seek(-1, os.SEEK_END)
+        return opened.read(1)
 
 
 def _migrated(event: dict[str, Any]) -> dict[str, Any]:
