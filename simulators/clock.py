@@ -22,7 +22,7 @@ class DeviceClock:
     """
 
     def __init__(self, offset_us: float, ppm: float) -> None:
-        self.offset_us = offset_us
+        self.offset_us = float(offset_us)  # compiled loops are compiled again for an integer
         self.ppm = ppm
 
     @classmethod

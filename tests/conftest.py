@@ -31,8 +31,13 @@ SELDOM = 50_000
 """The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""
 COMPILING = Path(__file__).parent / "rig" / "dampers"
 """Tests that one process runs first: they compile nearly every model, which the others then find compiled."""
-COMPUTING = tuple(Path(__file__).parent / "rig" / name for name in ("export", "identification", "optimisers", "study",
-                                                                    "vehicle"))
+COMPUTING = (
+    *(Path(__file__).parent / "rig" / name for name in (
+        "characteristics", "comparison", "document", "export", "hybrid", "identification", "matrix", "optimisers",
+        "process_quality", "reanalysis", "report", "signals", "study", "units", "vehicle",
+    )),
+    Path(__file__).parent / "docs", Path(__file__).parent / "fuzz",
+)  # fmt: skip
 """Tests that look at no clock: what is left of them goes on, giving way, beside those on real processes and wires."""
 CROWDED = 0.6
 """Who had less of a core so far is on a busy machine, and would starve if it gave way."""
@@ -113,6 +118,7 @@ def ours_of(session: pytest.Session, folder: Path) -> Iterator[pytest.Item]:
         yield from chain.from_iterable(until_alone(units, folder))
         session.config.get_terminal_writer().line("\non real processes and wires:")
         yield from wired
+        session.config.get_terminal_writer().line("\nno more processes and wires:")
     for item in chain.from_iterable(units):
         yield item
         if lock is not None and had() > CROWDED:  # asked for one more: the last that looks at a clock has run

@@ -7,6 +7,7 @@ parameters may change from sample to sample, and states come back. Steps between
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -48,14 +49,35 @@ def inverse_of(model: Integrable) -> Compiled:
 
 @cache
 def _trajectory_of(model: Integrable) -> Compiled:
-    return cached(_trajectory(key_of(model), model.states), _force=kernel_of(model).force, _step=sampled_step(model))
+    functions = {"_force": kernel_of(model).force, "_step": sampled_step(model)}
+    return _for_any_layout(cached(_trajectory(key_of(model), model.states), **functions))
 
 
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
     kernel = kernel_of(model)
     held = kernel.held or _at_once(kernel.force)
-    return cached(_inverse(key_of(model), model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
+    functions = {"_held": held, "_step": sampled_step(model), "_solve": _root(held)}
+    return _for_any_layout(cached(_inverse(key_of(model), model.states), **functions))
+
+
+def _for_any_layout(loop: Compiled) -> Compiled:
+    """A compiled loop whose arrays may be of any layout, or read-only as those of data frames are.
+
+    Numba compiles a loop again for each combination of such arrays: 1.5 to 5 s each.
+    """
+
+    def called(*arguments: FloatArray | float) -> Any:  # noqa: ANN401 - what the loop returns
+        return loop(*map(_writable, arguments))
+
+    return called
+
+
+def _writable(argument: FloatArray | float) -> FloatArray | float:
+    """The argument itself, or a contiguous copy of an array that is strided or read-only."""
+    if not isinstance(argument, np.ndarray) or (argument.flags.c_contiguous and argument.flags.writeable):
+        return argument
+    return argument.copy()
 
 
 def smoothed_rate(before: float, change: float, dt: float) -> float:

@@ -83,6 +83,11 @@ def test_exit_codes_follow_the_rows_but_for_a_bad_file_and_a_current_that_stays(
 def test_list_faults_prints_the_matrix() -> None:
     printed = json.loads(subprocess.check_output([sys.executable, "-m", "simulators", "--list-faults", "--json"]))
     assert [each["slug"] for each in printed] == list(MATRIX)
+    assert len(printed) == 65
+    assert set(printed[0]) == {
+        "slug", "where", "place", "reaction", "limit", "exit_code", "tested", "test", "reason", "variants",
+    }
+    assert [each["variants"] for each in printed if each["slug"] == "sensor-stuck"] == [["sensor-stuck:lvdt"]]
     for each in printed:
         row = MATRIX[each["slug"]]
         assert (each["where"], each["reaction"], each["tested"]) == (row.where, row.reaction, row.tested)

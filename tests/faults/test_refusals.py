@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from in_process import rig
 from matrices import LONG_SECOND_POINT, TWO_POINTS
 from scenario_campaign import Setting
 from watched_campaign import answer_of, resumed
@@ -18,14 +20,18 @@ if TYPE_CHECKING:
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.mark.few(1)
-@pytest.mark.wire
+def refused(*arguments: str | Path) -> tuple[int, dict[str, Any]]:
+    """`rig run ... --json` in this process, for a campaign that starts no other: exit code and answer."""
+    done = rig("run", "--json", *arguments)
+    return done.returncode, json.loads(done.stdout)
+
+
 @pytest.mark.parametrize("place", ["/sys/runs", "file/runs"])
 def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_path: Path, place: str) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(TWO_POINTS, encoding="utf-8")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
-    code, answer = answer_of(str(matrix), "--simulate", "--out", str(tmp_path / place))
+    code, answer = refused(matrix, "--simulate", "--out", tmp_path / place)
     assert (code, answer["slug"]) == (3, "dir-readonly")
     assert place in answer["error"]
     assert (tmp_path / "file").read_text(encoding="utf-8") == "in the way"
@@ -78,7 +84,6 @@ def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     assert not (tmp_path / "double").exists()
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -94,14 +99,13 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(TWO_POINTS.replace(*change), encoding="utf-8")
     bench = EXAMPLES / "demo-bench.toml"
-    code, answer = answer_of(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
+    code, answer = refused(matrix, "--bench", bench, "--out", tmp_path / "out")
     assert (code, answer["slug"]) == (3, "matrix-infeasible")
     assert "p002" in answer["error"]
     assert named in answer["error"]
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("good", "absurd"),
     [
@@ -123,7 +127,7 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     text = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
     assert good in text
     bench.write_text(text.replace(good, absurd), encoding="utf-8")
-    code, answer = answer_of(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
+    code, answer = refused(matrix, "--bench", bench, "--out", tmp_path / "out")
     assert (code, answer["slug"]) == (2, "config-absurd"), "a file that cannot be used"
     key = absurd.split(" = ")[0]
     assert any(key in problem for problem in answer["problems"]), answer["problems"]

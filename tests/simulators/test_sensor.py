@@ -48,7 +48,7 @@ def decode(data: bytes) -> tuple[list[frame_format.Reading], frame_format.FrameD
 def test_vectorised_frames_equal_the_protocols_own_bytes() -> None:
     random = np.random.default_rng(1)
     n = 500
-    status, edge = random.integers(0, 256, n, np.uint8), random.integers(0, 256, n, np.uint8)
+    status, edge = random.integers(0, 256, n, np.uint8), random.integers(0, 256, n)
     sequence, device_us = random.integers(0, 1 << 40, n), random.integers(0, 1 << 40, n)
     value = random.normal(0, 1e4, n)
     raw = encode_frames(status, edge, sequence, device_us, value)
@@ -61,8 +61,7 @@ def test_vectorised_frames_equal_the_protocols_own_bytes() -> None:
 
 
 def test_a_frame_built_by_hand() -> None:
-    one, two = np.array([1], np.uint8), np.array([2], np.uint8)
-    raw = encode_frames(one, two, np.array([3]), np.array([4]), np.array([1.5]))
+    raw = encode_frames(np.array([1], np.uint8), np.array([2]), np.array([3]), np.array([4]), np.array([1.5]))
     assert raw.tobytes()[:14] == bytes.fromhex("a55a 01 02 0300 04000000 0000c03f")
 
 

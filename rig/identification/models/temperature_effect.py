@@ -31,9 +31,7 @@ def force_change_N(
         complete.setdefault("eta", model.parameter("eta").start)
     warm = test.samples_per_cycle if model.states else 0
     once = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A, filled(test.temperature_degC, law.reference_degC))
-    u_m, v_m_s, a_m_s2, current_A, degC = (
-        np.ascontiguousarray(np.concatenate((part[:warm], part)), dtype=float) for part in once
-    )
+    u_m, v_m_s, a_m_s2, current_A, degC = (np.concatenate((part[:warm], part), dtype=float) for part in once)
     run, start = trajectory_of(model), model.initial_state(float(u_m[0]))
     forces = [
         run(vectors, start, u_m, v_m_s, a_m_s2, current_A, test.dt_s)[0][warm:]

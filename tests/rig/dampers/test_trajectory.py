@@ -7,7 +7,7 @@ import pytest
 
 from rig.dampers import model
 from rig.dampers.kernel import force_series
-from rig.dampers.trajectory import amplified, inverse_of, rates_N_s, smoothed_rate, trajectory_of
+from rig.dampers.trajectory import _for_any_layout, amplified, inverse_of, rates_N_s, smoothed_rate, trajectory_of
 
 BINGHAM = model("bingham")
 VALUES = {"fc": 60.0, "fc_b": 238.0, "c0": 700.0, "c0_b": 110.0, "f0": -270.0}
@@ -97,3 +97,14 @@ def test_a_force_that_is_no_number_leaves_no_least_and_no_greatest_one() -> None
     grid, none = np.array([0.0, np.nan, 1.0]), np.zeros(1)
     rows = inverse_of(BINGHAM)(P, grid, grid, STILL, none, none + 0.1, none, none + 109.0, none, 0.0)
     assert np.isnan(rows[0, 4:6]).all()
+
+
+def test_a_loop_is_compiled_once_whatever_the_layout_of_its_arrays() -> None:
+    """Numba compiles it again for read-only arrays, such as columns of a data frame, and for strided ones."""
+    read_only, strided, plain = np.zeros(3), np.arange(6.0)[::2], np.ones(3)
+    read_only.flags.writeable = False
+    taken: list[np.ndarray] = []
+    _for_any_layout(lambda *given: taken.extend(given))(read_only, strided, plain)
+    assert all(array.flags.writeable and array.flags.c_contiguous for array in taken)
+    assert [list(array) for array in taken] == [[0.0, 0.0, 0.0], [0.0, 2.0, 4.0], [1.0, 1.0, 1.0]]
+    assert taken[2] is plain, "not copied"
