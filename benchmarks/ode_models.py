@@ -73,7 +73,7 @@ def separable(test: Measurement) -> float:
     damper = model("bouc_wen")
     form = damper.separation(motion_scale([test]))
     assert form is not None
-    return solve_loop([test], damper, form, Weighting("1"), HELD).objective
+    return solve_loop([test], form, Weighting("1"), HELD).objective
 
 
 def rival(objective: FixedParameters) -> float:

@@ -13,7 +13,6 @@ from drivers.devices.dbc_file import DbcText, can_database
 from protocols.errors import LocalProtocolError
 from protocols.guess_can import CanFrame, CanLog
 
-LARGEST_LOG_BYTES = 64 << 20
 MOST_FRAMES = 200_000
 """Heard at a time; a full 1 Mbit/s bus carries some 8,000 a second."""
 

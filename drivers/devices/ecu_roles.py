@@ -102,8 +102,8 @@ class _Roles:
         states, fault_bits = self._states(), self._faults()
         low_A, high_A = self._range()
         protections, periods = self._protections(), self._periods()
-        sent = sent_frames(reading, {role: named[role] for role in SENT_ROLES if role in named}, on_off,
-                           self._roles.get("constants", {}), protections)  # fmt: skip
+        roles = {role: named[role] for role in SENT_ROLES if role in named}
+        sent = sent_frames(reading, roles, self._roles.get("constants", {}), protections)
         if (own := self._address("own_address", [reading.messages[frame.name] for frame in sent])) is not None:
             sent = tuple(replace(frame, identifier=from_address(frame.identifier, own)) for frame in sent)
         heard = self._heard(protections, periods)

@@ -19,7 +19,6 @@ Page = tuple[tuple[str, int], ...]
 def sent_frames(
     reading: Reading,
     roles: Mapping[str, Found],
-    on_off: Mapping[str, tuple[int, int]],
     constants: Mapping[str, Any],
     protections: Mapping[str, Protection],
 ) -> tuple[SentFrame, ...]:
@@ -28,7 +27,6 @@ def sent_frames(
     Args:
         reading: takes the problems.
         roles: `command`, `enable`, `clear_faults`, as far as there are any.
-        on_off: numbers of the two others.
         constants: the table of that name.
         protections: by message.
     """

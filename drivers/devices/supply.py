@@ -13,9 +13,6 @@ from drivers.devices.output import AnalogueOutput, output_missing
 from protocols.patterns import Pattern
 from protocols.scpi import Command
 
-UNVERIFIED = "unverified"
-"""Written from its maker's manual, and tried against nothing but that manual's examples."""
-
 Commands = tuple[Command, ...]
 
 TERMINATORS = ("\n", "\r", "\r\n")
@@ -87,7 +84,8 @@ class SupplyDescription:
 
     Attributes:
         name: of the preset, or of the user's file.
-        maker, model, tried: for people; `tried` is empty or `unverified`.
+        maker, model, tried: for people; `tried` is empty or `unverified` (only the examples of
+            the manual were tried).
         link, commands, watchdog: how it is spoken to; None: it has no time-out of its own.
         current_A, voltage_V: lowest and highest set-point; of the voltage None where it cannot be set.
         settling_s: time after which the current is that of a new set-point, the coil in it.

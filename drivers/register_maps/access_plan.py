@@ -12,7 +12,6 @@ from protocols.errors import RemoteProtocolError
 MOST_READ = {True: 2000, False: 125}
 """Coils, registers of one request."""
 MOST_WRITTEN = 123
-COILS_A_REGISTER = 16
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from drivers import catalogue, plugins
+from drivers import catalogue
 
 ACTUATOR, CURRENT_SOURCE, SENSOR = "actuator", "current source", "sensor"
 LOOK_S = 0.02
@@ -76,11 +76,6 @@ def bench_text(driver: str) -> str:
     kind, name = kind_of(driver), driver.rpartition(":")[2]
     names = {ACTUATOR: "demo", CURRENT_SOURCE: "demo", SENSOR: "frame16"} | {str(kind): name}
     return BENCH.format(actuator=names[ACTUATOR], source=names[CURRENT_SOURCE], sensor=names[SENSOR])
-
-
-def plugin_group(kind: str) -> str:
-    """The entry points of a role."""
-    return {ACTUATOR: plugins.ACTUATORS, CURRENT_SOURCE: plugins.CURRENT_SOURCES, SENSOR: plugins.SENSORS}[kind]
 
 
 def silent_port() -> int:

@@ -49,16 +49,16 @@ def inverse_of(model: Integrable) -> Compiled:
 
 @cache
 def _trajectory_of(model: Integrable) -> Compiled:
-    functions = {"_force": kernel_of(model).force, "_step": sampled_step(model)}
-    return _for_any_layout(cached(_trajectory(key_of(model), model.states), **functions))
+    loop = cached(_trajectory(key_of(model), model.states), _force=kernel_of(model).force, _step=sampled_step(model))
+    return _for_any_layout(loop)
 
 
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
     kernel = kernel_of(model)
     held = kernel.held or _at_once(kernel.force)
-    functions = {"_held": held, "_step": sampled_step(model), "_solve": _root(held)}
-    return _for_any_layout(cached(_inverse(key_of(model), model.states), **functions))
+    loop = cached(_inverse(key_of(model), model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
+    return _for_any_layout(loop)
 
 
 def _for_any_layout(loop: Compiled) -> Compiled:

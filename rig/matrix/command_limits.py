@@ -33,7 +33,7 @@ class SignalLimits:
         force_N, energy_J = self.predict(_moving(self.point, expected))
         causes = (
             *reasons_against(_moving(self.point, command), force_N, self.matrix, self.bench),
-            *too_hot(self.point, energy_J, self.matrix),
+            *too_hot(energy_J, self.matrix),
         )
         return "; ".join(clean_text(cause.text) for cause in causes)
 

@@ -164,7 +164,7 @@ def command_room(matrix: Matrix, bench: Bench) -> tuple[float, float, str]:
     return low_m + HEADROOM_M, high_m - HEADROOM_M, where
 
 
-def too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterator[Reason]:
+def too_hot(energy_J: float | None, matrix: Matrix) -> Iterator[Reason]:
     """Whether a point's heat alone takes the damper through its temperature window."""
     temperature = matrix.temperature
     if temperature is None or energy_J is None:
@@ -425,7 +425,7 @@ def speed_that_fits(point: TestPoint, matrix: Matrix, bench: Bench, predict: For
     def allowed(steps: int) -> bool:
         slower = replace(point, frequency_Hz=steps * SPEED_STEP_M_S / one_Hz_m_s)
         force_N, energy_J = predict(slower)
-        causes = (*reasons_against(slower, force_N, matrix, bench), *too_hot(slower, energy_J, matrix))
+        causes = (*reasons_against(slower, force_N, matrix, bench), *too_hot(energy_J, matrix))
         return not causes
 
     steps = _most(math.floor(point.peak_speed_m_s / SPEED_STEP_M_S + 1e-6), allowed)
@@ -444,7 +444,7 @@ def _can_be_halted(point: TestPoint, matrix: Matrix, bench: Bench) -> bool:
 
 def _force_and_heat_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> bool:
     force_N, energy_J = predict(point)
-    cool = not any(True for _ in too_hot(point, energy_J, matrix))
+    cool = not any(True for _ in too_hot(energy_J, matrix))
     return cool and (force_N is None or not _beyond(force_N, _allowed_force_N(bench)))
 
 

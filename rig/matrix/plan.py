@@ -315,7 +315,7 @@ def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:
 
 def _check(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:
     force_N, energy_J = predict(point)
-    causes = (*reasons_against(point, force_N, matrix, bench), *too_hot(point, energy_J, matrix))
+    causes = (*reasons_against(point, force_N, matrix, bench), *too_hot(energy_J, matrix))
     return PlannedPoint(
         point=point,
         predicted_force_N=force_N,

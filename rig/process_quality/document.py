@@ -43,7 +43,7 @@ from rig.signals.arrays import FloatArray
 
 Study = ChartStudy | GoldenStudy | GaugeStudies
 LIMIT, CENTRE, SIGNAL, TOLERANCE = "#c0392b", "#5b6470", "#c0392b", "#8e44ad"
-WIDTH, HEIGHT, RANGE_HEIGHT = 620, 240, 150
+WIDTH, HEIGHT = 620, 240
 MOST_DRAWN = 40
 """Charts in a document; those with signals come first."""
 MOST_POINTS = 2_000

@@ -13,7 +13,7 @@ from protocols.descriptions import Problem
 from rig.files.loader import load_section
 from rig.files.quantity import Quantity
 from rig.files.section import Section
-from rig.vehicle.shipped import found, names_in
+from rig.vehicle.shipped import found
 
 FOLDER = Path(__file__).parent / "cars"
 KINDS = ("quarter", "half", "full")
@@ -179,20 +179,10 @@ class Car(Section):
         return (front, rear) if self.kind == "half" else (front, front, rear, rear)
 
     @property
-    def wheelbase_m(self) -> float:
-        """Between the axles (m); 0 of a quarter car."""
-        return self.lever_m[0] - self.lever_m[-1]
-
-    @property
     def body_inertia(self) -> tuple[float, ...]:
         """Mass (kg) and the inertias (kg m^2) of the body's degrees of freedom."""
         every = (self.body.mass_kg, self.body.pitch_inertia_kg_m2 or 0.0, self.body.roll_inertia_kg_m2 or 0.0)
         return every[: 1 + KINDS.index(self.kind)]
-
-
-def car_names() -> tuple[str, ...]:
-    """Names of the cars that come with the program."""
-    return names_in(FOLDER)
 
 
 def load_car(given: str | Path) -> Car:

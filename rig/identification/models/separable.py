@@ -17,7 +17,6 @@ import numpy as np
 
 from rig.dampers.algebraic import AlgebraicSeparation, ColumnModel, TanhModel, needs_kernel_only
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import DamperModel
 from rig.dampers.parameter import ModelProblem
 from rig.dampers.separation import MotionScale, Separation
 from rig.errors import IdentificationFailed
@@ -197,7 +196,6 @@ def _without_shape(
 
 def solve_loop(
     measurements: Sequence[Measurement],
-    model: DamperModel,
     form: Separation,
     weighting: Weighting,
     held: frozenset[str],
@@ -209,7 +207,6 @@ def solve_loop(
 
     Args:
         measurements: the tests.
-        model: the damper model.
         form: how it splits.
         weighting: which samples count, and how much.
         held: linear parameters left out, held at zero.

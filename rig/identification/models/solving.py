@@ -278,7 +278,7 @@ def solve_weighted(
         return solve_separable(measurements, model, weighting, held=held, start=shape)
     form = model.separation(motion_scale(measurements))
     if form is not None:
-        return solve_loop(measurements, model, form, weighting, held, near)
+        return solve_loop(measurements, form, weighting, held, near)
     from rig.identification.models.state_search import solve_states  # loads numba
 
     return solve_states(measurements, model, weighting, held, near, rival_N)

@@ -247,4 +247,4 @@ def _simpler_values(
     form = simpler.separation(motion_scale(single))
     if form is None:
         raise TypeError(f"{simpler.name}, the starting model of {search.model.name}, is not separable")
-    return solve_loop(single, simpler, form, weighting, without).values
+    return solve_loop(single, form, weighting, without).values

@@ -240,7 +240,7 @@ def _first_rows(lines: Sequence[str], stated: Dialect, *, words: bool = False) -
     after = max(stated.header_line or 0, stated.units_line or 0)
     best: tuple[int, int, tuple[str, int, int]] | None = None
     for separator in (stated.separator,) if stated.separator else SEPARATORS:
-        counts = [_numbers_in(cells_of(line, separator), separator, words) if k >= after else 0
+        counts = [_numbers_in(cells_of(line, separator), words) if k >= after else 0
                   for k, line in enumerate(lines)]  # fmt: skip
         run = _longest_start(counts)
         if run is None:
@@ -283,7 +283,7 @@ def _longest_start(counts: Sequence[int]) -> tuple[int, int, int] | None:
     return None
 
 
-def _numbers_in(cells: Sequence[str], separator: str, words: bool) -> int:
+def _numbers_in(cells: Sequence[str], words: bool) -> int:
     """How many cells a line of numbers has; 0 where it is none.
 
     At least two cells are numbers, and none is a word; with `words` no more are words than numbers.

@@ -188,14 +188,8 @@ class RecordBlock:
         return channel in self._places
 
     def place(self, channel: int) -> slice:
-        """Where a channel's records are in `arrived_s` and `values`."""
+        """Where a channel's records are in `values`."""
         return self._places.get(channel, slice(0, 0))
-
-    @property
-    def arrived_s(self) -> NDArray[np.float64]:
-        """When each record arrived (host's monotonic s), by channel, oldest first, (n,)."""
-        times: NDArray[np.float64] = self._sorted["host_ns"] * 1e-9
-        return times
 
     @property
     def values(self) -> NDArray[np.float64]:

@@ -9,9 +9,13 @@ from rig.dampers import model
 from rig.dampers.kernel import force_series
 from rig.dampers.trajectory import _for_any_layout, amplified, inverse_of, rates_N_s, smoothed_rate, trajectory_of
 
-BINGHAM = model("bingham")
-VALUES = {"fc": 60.0, "fc_b": 238.0, "c0": 700.0, "c0_b": 110.0, "f0": -270.0}
-P = BINGHAM.vector(VALUES)[None, :]
+DAMPER = model("asymmetric")
+VALUES = {
+    "m": 0.0, "F0": -270.0, "beta": 1e4, "delta": 0.0, "Fya": 60.0, "Fyb": 238.0, "Ca_plus": 700.0, "Ca_minus": 700.0,
+    "Cb_plus": 110.0, "Cb_minus": 110.0, "Ka": 0.0, "Kb": 0.0, "eta": 25.0,
+}  # fmt: skip
+"""A Bingham damper: the hyperbolic tangent is a step. Other tests compile this model's loops too."""
+P = DAMPER.vector(VALUES)[None, :]
 GRID = np.linspace(0.0, 2.0, 5)
 STILL = np.zeros((1, 1))
 
@@ -19,15 +23,15 @@ STILL = np.zeros((1, 1))
 def answer(speeds: list[float], targets: list[float]) -> np.ndarray:
     v = np.array(speeds)
     none = np.zeros_like(v)
-    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(targets), none, 0.0))
+    return np.asarray(inverse_of(DAMPER)(P, GRID, GRID, STILL, none, v, none, np.array(targets), none, 0.0))
 
 
 def test_the_force_along_a_motion_is_the_models() -> None:
     v, current, none = np.array([0.1, -0.2]), np.array([1.0, 0.0]), np.zeros(2)
-    force, _ = trajectory_of(BINGHAM)(P, STILL[0], none, v, none, current, 1e-3)
+    force, _ = trajectory_of(DAMPER)(P, STILL[0], none, v, none, current, 1e-3)
     assert force == pytest.approx([298.0 + 81.0 - 270.0, -60.0 - 140.0 - 270.0])
-    later = np.vstack((P, BINGHAM.vector({**VALUES, "f0": 0.0})))  # parameters change from sample to sample
-    force, _ = trajectory_of(BINGHAM)(later, STILL[0], none, v, none, current, 1e-3)
+    later = np.vstack((P, DAMPER.vector({**VALUES, "F0": 0.0})))  # parameters change from sample to sample
+    force, _ = trajectory_of(DAMPER)(later, STILL[0], none, v, none, current, 1e-3)
     assert force == pytest.approx([109.0, -200.0])
 
 
@@ -95,7 +99,7 @@ def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
 
 def test_a_force_that_is_no_number_leaves_no_least_and_no_greatest_one() -> None:
     grid, none = np.array([0.0, np.nan, 1.0]), np.zeros(1)
-    rows = inverse_of(BINGHAM)(P, grid, grid, STILL, none, none + 0.1, none, none + 109.0, none, 0.0)
+    rows = inverse_of(DAMPER)(P, grid, grid, STILL, none, none + 0.1, none, none + 109.0, none, 0.0)
     assert np.isnan(rows[0, 4:6]).all()
 
 
