@@ -15,7 +15,7 @@ import rig.dampers
 import rig.identification
 from rig.characteristics import characterise
 from rig.characteristics.loop import characterise_loop
-from rig.cli.analyst import analyse
+from rig.cli.analyst import _reported, evaluate
 from rig.errors import EXIT_USAGE, FileProblem
 from rig.identification.points.preparation import prepare_all
 from rig.identification.uncertainty.scoring import cycle_energy_J
@@ -293,11 +293,13 @@ def test_report_and_characteristics_use_the_skew_that_the_campaign_as_a_whole_kn
 
 def test_a_report_that_cannot_be_written_costs_no_fit_and_says_why_under_its_own_key(run: Path) -> None:
     (run / "report.html").mkdir()
-    answer = analyse(run, {"model": "asymmetric"})
+    answer = evaluate(run, {"model": "asymmetric"})
+    report, report_error = _reported(run)
     assert answer["error"] is None
     assert Path(answer["fit"]) == (run / "fit.json").resolve()
-    assert answer["report"] is None
-    assert "report.html" in answer["report_error"]
+    assert report is None
+    assert report_error is not None
+    assert "report.html" in report_error
 
 
 def test_a_quality_that_is_no_number_counts_as_not_measured(run: Path) -> None:
