@@ -334,13 +334,15 @@ def valid_is_measured_with_the_requested_current(view: View) -> Findings:
 
 
 def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None:
-    """Between which instants (ns) a point was measured, by the stamps in its file; None where that is not known."""
+    """Between which instants (ns) a point was measured at one current, by the stamps in its file; None if unknown."""
     if view.scenario.folder is None:
         return None
     try:
         point = read_once(description, CampaignFolder(view.scenario.folder).points / Path(str(line["file"])).name)
     except (OSError, FileProblem):
         return None  # reported by another check
+    if point.current_programmed:
+        return None
     quality, stamps = line.get("quality") or {}, point.raw("displacement")
     names = "signal_judged" if quality.get("signal_judged_start_s") is not None else "cycles"
     start_s, end_s = (quality.get(f"{names}_{end}_s") for end in ("start", "end"))
