@@ -320,7 +320,7 @@ def _described(points: list[dict[str, Any]], display: Display) -> list[dict[str,
 def _quantities(display: Display) -> dict[str, dict[str, Any]]:
     """Units and signs of `[display]`, by quantity."""
     signed = {"force": display.force, "displacement": display.displacement, "speed": display.speed}
-    quantities = {**signed, "temperature": display.temperature}
+    quantities = {**signed, "temperature": display.temperature, "energy": display.energy}
     return {
         name: {
             "unit": shown.unit, "scale": shown.scale, "offset": shown.offset,

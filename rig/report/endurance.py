@@ -24,7 +24,7 @@ from rig.document.blocks import (
     table,
 )
 from rig.document.figure import Axis, Figure, Panels, Style, Trace, thinned
-from rig.document.numbers import NOTHING, number
+from rig.document.numbers import MINUS, NOTHING, number
 from rig.document.style import FITTED, MEASURED, RESIDUAL, current_colour
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Key, Severity, capitalised
 from rig.recording.endurance import COMPLETE, ENDED
@@ -40,6 +40,8 @@ NOTE = (
     "rule shows the current at which it is closest to its limit."
 )
 MOST_DRAWN = 2000
+MOST_LISTED = 100
+"""Rows of the table of blocks that are not valid."""
 MOST_ROUNDS = 7
 """Loops of performance points that a figure shows: the first, the last, and some between."""
 NEAR_LIMIT = 0.7
@@ -135,15 +137,16 @@ def _wear(test: EnduranceTest, display: Display) -> Blocks:
     colours = [MEASURED] if len(groups) == 1 else [current_colour(place, len(groups)) for place in range(len(groups))]
     figures = []
     for of_groups in zip(*(_columns(group, display) for group in groups), strict=True):
-        title, unit, _ = of_groups[0]
+        title, axis, _ = of_groups[0]
         if not any(np.any(np.isfinite(values)) for _, _, values in of_groups):
             continue
         traces = []
         for group, colour, (_, _, values) in zip(groups, colours, of_groups, strict=True):
             rows = thinned(len(group), MOST_DRAWN)
             traces.append(Trace(group.cycle[rows], values[rows], Style.POINTS, colour=colour))
-        figures.append(Figure(Axis("Cycles"), Axis(title, unit), traces, WIDTH, HEIGHT, title))
+        figures.append(Figure(Axis("Cycles"), axis, traces, WIDTH, HEIGHT, title))
     figures += list(_rule_figures(test))
+    drawn = {trace.name for figure in figures for trace in figure.traces}
     medians = [Key("median of a section", MEASURED)]
     if len(groups) > 1:
         medians = [
@@ -151,7 +154,7 @@ def _wear(test: EnduranceTest, display: Display) -> Blocks:
             for group, colour in zip(groups, colours, strict=True)
         ]
     return [
-        Keys((*medians, Key("limit", FITTED), Key("forecast", RESIDUAL))),
+        Keys((*medians, *(key for key in (Key("limit", FITTED), Key("forecast", RESIDUAL)) if key.text in drawn))),
         *_in_rows(figures, "Wear over the cycles"),
     ]
 
@@ -161,14 +164,15 @@ def _in_rows(figures: Sequence[Figure], title: str) -> Blocks:
     return [Figures((Panels(tuple(figures[place : place + 2]), 2, title),)) for place in range(0, len(figures), 2)]
 
 
-def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, str, FloatArray]]:
-    medians, force = sections.medians, display.force
-    yield "Peak force, rebound", force.unit, np.asarray(force.signed(medians["force_max"]))
-    yield "Peak force, compression", force.unit, np.asarray(force.signed(medians["force_min"]))
-    yield "Energy per cycle", display.energy.unit, np.asarray(display.energy.value(medians["energy"]))
-    yield "Friction", force.unit, np.asarray(force.value(medians["friction"]))
-    yield "Mean force", force.unit, np.asarray(force.signed(medians["mean_force"]))
-    yield "Coil temperature", "degC", medians["temperature"]
+def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, Axis, FloatArray]]:
+    """Title, vertical axis and medians (n,) of each quantity that is drawn."""
+    medians, force, energy = sections.medians, Axis("Force", display.force.unit), display.energy
+    for title, name in (("Peak force, rebound", "force_max"), ("Peak force, compression", "force_min")):
+        yield title, force, np.asarray(display.force.signed(medians[name]))
+    yield "Energy per cycle", Axis("Energy", energy.unit), np.asarray(energy.value(medians["energy"]))
+    yield "Friction", force, np.asarray(display.force.value(medians["friction"]))
+    yield "Mean force", force, np.asarray(display.force.signed(medians["mean_force"]))
+    yield "Coil temperature", Axis("Temperature", "degC"), medians["temperature"]
 
 
 def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
@@ -190,7 +194,7 @@ def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
             line = np.array([100.0 * change[last], 100.0 * rule.limit])
             traces.append(Trace(np.array([cycles[last], expected.cycles]), line, Style.THIN, "forecast", RESIDUAL))
         title = capitalised(rule.kind.words)
-        yield Figure(Axis("Cycles"), Axis(title, "%"), traces, WIDTH, HEIGHT, title)
+        yield Figure(Axis("Cycles"), Axis("Change", "%"), traces, WIDTH, HEIGHT, title)
 
 
 Rounds = Mapping[tuple[object, ...], list[tuple[int, RecordedPoint]]]
@@ -234,7 +238,9 @@ def _peak_table(motions: Rounds, display: Display) -> Blocks:
 
 
 def _change(value: float, first: float) -> str:
-    return NOTHING if not first or not np.isfinite(value / first) else f"{100.0 * (value / first - 1.0):+.1f}"
+    if not first or not np.isfinite(value / first):
+        return NOTHING
+    return f"{100.0 * (value / first - 1.0):+.1f}".replace("-", MINUS)
 
 
 def _shown_rounds(rounds: Sequence[tuple[int, RecordedPoint]]) -> list[tuple[int, RecordedPoint]]:
@@ -284,10 +290,12 @@ def _interrupted(test: EnduranceTest) -> Blocks:
          f"{piece.recorded:,}", f"up to {piece.unseen:,}" if piece.unseen else NOTHING, piece.verdict)
         for piece in test.ledger.pieces if piece.verdict != "valid"
     ]
+    further = len(rows) - MOST_LISTED
     if not rows:
         return [Paragraph(f"All {len(test.ledger.pieces)} blocks are valid.", small=True)]
     head = (
         Column("Block", "", True), Column("File"), Column("Cycles before", "", True), Column("Cycles run", "", True),
         Column("With statistics", "", True), Column("Without a record", "", True), Column("Verdict"),
     )  # fmt: skip
-    return [Heading("Blocks that are not valid", 3), table(head, rows)]
+    more = [Paragraph(f"{further:,} further blocks that are not valid are omitted.", small=True)] if further > 0 else []
+    return [Heading("Blocks that are not valid", 3), table(head, rows[:MOST_LISTED]), *more]

@@ -60,7 +60,7 @@ def test_counts_rules_and_forecast_are_shown() -> None:
     assert [str(cell) for cell in rules.rows[0].cells][:4] == ["Decrease of the peak force", "20 %", "5.26 %", "466"]
     assert [[str(cell) for cell in row.cells] for row in performance.rows] == [
         ["sine 10 mm 1 Hz", "1", "0", "999.9", "+0.0", "\u2212999.9", "+0.0"],
-        ["sine 10 mm 1 Hz", "1", "200", "800", "-20.0", "\u2212800", "-20.0"],
+        ["sine 10 mm 1 Hz", "1", "200", "800", "\u221220.0", "\u2212800", "\u221220.0"],
     ]
     assert str(invalid.rows[0].cells[1]) == "wear-b1"
     assert sum(isinstance(block, Figures) for block in blocks) == 5
