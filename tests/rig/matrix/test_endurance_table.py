@@ -267,3 +267,18 @@ def test_a_signal_file_that_cannot_be_used_is_named_with_its_line(tmp_path: Path
     assert "no such file" in problems(tmp_path, text.replace("road.csv", "rood.csv"))
     road(tmp_path, 400.0)
     assert "block = 1" in problems(tmp_path, text)
+
+
+def test_long_blocks_and_programs_without_constant_cycles_are_warned_of(tmp_path: Path) -> None:
+    """600 s at 4 Hz are 2400 cycles; 60 s are 240."""
+    long = TEST.replace("block = 150\n", "").replace("cycles = 1000\n", "cycles = 9600\n").replace("= 400", "= 4800")
+    (test,) = load(tmp_path, QUICK + long).endurance
+    (hint,) = test.hints("wear")
+    assert "up to 2,400 further cycles (600 s)" in hint
+    assert "Fix: block = 240" in hint
+    assert list(load(tmp_path, QUICK + long.split("[endurance.stop]")[0]).endurance[0].hints("wear")) == []
+    short = PROGRAM.replace("2 s", "0.25 s").replace("4 s", "0.5 s")
+    (test,) = load(tmp_path, QUICK + TEST.replace('current = "1 A"\n', short)).endurance
+    assert "Fix: hold each current for at least 3 cycles" in " ".join(test.hints("wear"))
+    (test,) = load(tmp_path, QUICK + TEST.replace('current = "1 A"\n', PROGRAM)).endurance
+    assert list(test.hints("wear")) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from drivers.ring import Channel
+from rig.campaign.resume import renew_endurance
+from rig.campaign_folder import CampaignFolder
 from rig.recording.conversion.conversion import finish_alone
 from rig.recording.conversion.delay_correction import retime
 from rig.recording.endurance import BlockPiece, EnduranceLedger, ledgers_of, read_piece, read_pieces
 from rig.recording.hdf5.reading import check_values, read_cycles
 from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fields
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.ring_records import RECORD_DTYPE
@@ -225,6 +229,38 @@ def test_a_copied_file_is_counted_once(whole: Path, tmp_path: Path) -> None:
     pieces, problems = read_pieces(tmp_path)
     assert [piece.run for piece in pieces] == [CYCLES]
     assert len(problems) == 1
+
+
+MATRIX = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+[[endurance]]
+id = "wear"
+amplitude = "10 mm"
+frequency = "4 Hz"
+current = "1 A"
+cycles = 1000
+block = 50
+"""
+
+
+def test_endurance_json_is_made_again_from_the_files(whole: Path, tmp_path: Path) -> None:
+    folder = CampaignFolder(tmp_path)
+    folder.points.mkdir()
+    (folder.points / whole.name).write_bytes(whole.read_bytes())
+    renew_endurance(tmp_path)
+    assert not folder.endurance.exists(), "without a matrix file nothing is known of the tests"
+    folder.matrix.write_text(MATRIX, encoding="utf-8")
+    renew_endurance(tmp_path)
+    (test,) = json.loads(folder.endurance.read_text(encoding="utf-8"))["tests"]
+    assert (test["cycles_run"], test["cycles_planned"], test["pieces"]) == (CYCLES, 1000, 1)
+    assert test["trend"][0]["cycle"][-1] == 100 + CYCLES
+    folder.endurance.write_text("old", encoding="utf-8")
+    with campaign_held(tmp_path):
+        renew_endurance(tmp_path)
+    assert folder.endurance.read_text(encoding="utf-8") == "old", "a running campaign writes its own"
 
 
 def piece(number: int, before: int, run: int, force_N: float, unseen: int = 0) -> BlockPiece:
