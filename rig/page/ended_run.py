@@ -126,12 +126,12 @@ def is_imported(run: CampaignFolder) -> bool:
 def _imported(run: CampaignFolder) -> dict[str, Any]:
     points: list[dict[str, Any]] = []
     with contextlib.suppress(OSError, ValueError, RecursionError, subprocess.SubprocessError):
-        points = _objects(json.loads(_read_apart("rig.recording.listing", run.path) or b"[]"))
+        points = _objects(json.loads(read_apart("rig.recording.listing", run.path) or b"[]"))
     valid = sum(point.get("verdict") == "valid" for point in points)
     return {"imported": True, "valid": valid, "total": len(points), "points": points, "lines": []}
 
 
-def _read_apart(module: str, path: Path) -> bytes | None:
+def read_apart(module: str, path: Path) -> bytes | None:
     """What a separate process reads of a file or folder from outside; None if it fails."""
     silent = subprocess.DEVNULL
     command = own_program(module, str(path))
@@ -215,6 +215,20 @@ def _events(journal: Path) -> Iterator[dict[str, Any]]:
                         yield event
 
 
+def trials_of(drives: Path) -> dict[str, Any] | None:
+    """The trials in the newest file of a folder of drives (`rig.recording.drive_excerpt`); None if there are none.
+
+    A separate process reads the file, as for `recorded_frame`.
+    """
+    with contextlib.suppress(OSError, ValueError, RecursionError, subprocess.SubprocessError):
+        files = [path for path in drives.glob("*.h5") if path.is_file() and not path.is_symlink()]
+        newest = max(files, key=lambda path: path.stat().st_mtime_ns, default=None)
+        written = None if newest is None else read_apart("rig.recording.drive_excerpt", newest)
+        trials = None if written is None else json.loads(written)
+        return trials if isinstance(trials, dict) else None
+    return None
+
+
 def recorded_frame(path: Path) -> bytes | None:
     """The last cycles of a recorded point and its last 20 s as one frame; None if the file cannot be read.
 
@@ -227,7 +241,7 @@ def recorded_frame(path: Path) -> bytes | None:
 
 
 def _frame(path: Path) -> bytes | None:
-    excerpt = _read_apart("rig.recording.excerpt", path)
+    excerpt = read_apart("rig.recording.excerpt", path)
     if excerpt is None:
         return None
     arrays = np.load(io.BytesIO(excerpt), allow_pickle=False)

@@ -490,6 +490,8 @@ class PageServer:
                 texts += in_pieces({**RESULTS, "all": False}, changed)
         if anew or "endurance" in parts:
             texts.append(written(run.endurance()))
+        if anew or "iteration" in parts:
+            texts += _iteration(run)
         self._known = run
         events = run.news()
         state = run.state() if anew else None
@@ -509,7 +511,9 @@ class PageServer:
         events = {"type": "events", "events": list(run.events), "all": True}
         endurance = run.endurance()
         tests = [written(endurance)] if endurance["tests"] else []
-        return [*described, *in_pieces(RESULTS, results), *tests, written(run.state()), written(events)]
+        return [
+            *described, *in_pieces(RESULTS, results), *tests, *_iteration(run), written(run.state()), written(events)
+        ]
 
     def _look_after(self, control: BenchControl) -> None:
         """What runs on the bench now; what has ended goes into its history."""
@@ -538,6 +542,12 @@ def _results(run: WatchedRun) -> dict[str, str]:
     """Verdicts by point as JSON text, because garbage collection of thousands of objects is slow."""
     with _no_collection():
         return {name: written(one) for name, one in run.results()["points"].items()}
+
+
+def _iteration(run: WatchedRun) -> list[str]:
+    """The message with the trials of an iterated signal; none without any."""
+    trials = run.trials()
+    return [] if trials is None else [written({"type": "iteration", "trials": trials})]
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from rig.campaign_folder import CampaignFolder
 from rig.display import Display
 from rig.errors import FileProblem
 from rig.files.run_display import run_display
-from rig.page.ended_run import EndedRun
+from rig.page.ended_run import EndedRun, trials_of
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import DEVICES, LOCK, PLAN, RESULTS, STATE, held, read_json
 from rig.text_file import JSON_LIMIT_BYTES, open_regular, stamp
@@ -163,6 +163,10 @@ class WatchedRun:
         tests = [] if self.run is None else read_json(CampaignFolder(self.run).endurance).get("tests")
         return {"type": "endurance", "tests": tests if isinstance(tests, list) else []}
 
+    def trials(self) -> dict[str, Any] | None:
+        """Trials of the signal whose command was iterated last; None without any."""
+        return None if self.run is None else trials_of(CampaignFolder(self.run).drives)
+
     def recorded_file(self, point_id: str) -> Path | None:
         """The file of a recorded point, of a running campaign or one that has ended; None if there is none."""
         if self.ended is None:
@@ -188,7 +192,7 @@ class WatchedRun:
         return self._live is not None and self._differs(STATE, stamp(self._live / STATE))
 
     def grown(self) -> frozenset[str]:
-        """Which of `run`, `results`, `events` and `endurance` have changed since the last call."""
+        """Which of `run`, `results`, `events`, `endurance` and `iteration` have changed since the last call."""
         run, live = self.run, self._live
         if self._files[0] != (run, live):
             self._files = (run, live), _grow(run, live)
@@ -293,6 +297,7 @@ def _joined(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
 
 PARTS = {
     PLAN: "run", DEVICES: "run", "station": "run", RESULTS: "results", "journal": "events", "endurance": "endurance",
+    "drives": "iteration",
 }
 """Parts that are read again if a file has changed."""
 
@@ -303,7 +308,10 @@ def _grow(run: Path | None, live: Path | None) -> dict[str, str]:
     if run is None:
         return files
     folder = CampaignFolder(run)
-    own = {"station": folder.station_config, "journal": folder.journal, "endurance": folder.endurance}
+    own = {
+        "station": folder.station_config, "journal": folder.journal, "endurance": folder.endurance,
+        "drives": folder.drives,
+    }
     return {**files, **{name: str(path) for name, path in own.items()}}
 
 

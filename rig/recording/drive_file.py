@@ -38,7 +38,9 @@ class DriveOwner:
     bench: str
 
 
-def write_drive(folder: Path, name: str, owner: DriveOwner, point: TestPoint, drive: SignalDrive) -> None:
+def write_drive(
+    folder: Path, name: str, owner: DriveOwner, point: TestPoint, drive: SignalDrive, tolerance: float | None = None
+) -> None:
     """Store a drive after each trial; the file of an earlier trial is replaced.
 
     Args:
@@ -47,6 +49,7 @@ def write_drive(folder: Path, name: str, owner: DriveOwner, point: TestPoint, dr
         owner: what the drive belongs to.
         point: the signal.
         drive: with its trials.
+        tolerance: of the error, relative; None: not stated.
 
     Raises:
         OSError: it cannot be written.
@@ -62,6 +65,7 @@ def write_drive(folder: Path, name: str, owner: DriveOwner, point: TestPoint, dr
             "step_s": STEP_S, "outcome": drive.outcome, "reason": drive.cannot, "start": drive.start,
             "follows": "force" if drive.of_force else "displacement",
             "delay_s": drive.response.delay_s, "least_coherence": drive.response.least_coherence,
+            **({} if tolerance is None else {"tolerance": tolerance}),
         })
         _put(file, "target", target.amplitude_m * target.shape, "m")
         _put(file, "error", np.array(drive.errors), "1")

@@ -105,9 +105,10 @@ class DriveCalculation:
 
     def _keep(self, point: TestPoint, drive: SignalDrive) -> None:
         """Store the drive next to the points; a disk that refuses it does not end the iteration."""
-        folder = self._campaign.files.drives
+        folder, settings = self._campaign.files.drives, self._campaign.matrix.sweep.iteration
+        tolerance = None if settings is None else settings.tolerance
         try:
-            write_drive(folder, point.id, drive_owner(self._campaign), point, drive)
+            write_drive(folder, point.id, drive_owner(self._campaign), point, drive, tolerance)
         except (OSError, FileProblem) as error:
             text = say("drive-not-kept", file=folder / point.id, error=error)
             self._campaign.log.note("warning", text=text)

@@ -417,33 +417,56 @@ class TrendChart {
   }
 }
 
-// Medians of the cycles of an endurance test over their number.
-class WearChart {
-  constructor(box, id, quantity, name, lines) {
-    Object.assign(this, { quantity, name, lines, range: new Range(), cycles: [], columns: [] });
+// Lines over one axis of numbers: trials, frequencies, seconds of a record.
+class CurveChart {
+  // across: { label, text(x), ticks(x) }; lines: [{ name, colour, dash, dots }]; least: half range of the values (SI), low and high: fixed ends
+  constructor(box, id, across, quantity, name, lines, { least = 1e-9, low = NaN, high = NaN, sync } = {}) {
+    Object.assign(this, { quantity, name, lines, across, least, low, high, range: new Range(), xs: [], columns: [] });
     this.plot = new Plot(box, {
-      id, x_only: true, sync: "wear", quantities: ["plain", quantity], zoomed: show_zoom, lines: lines.map((line) => ({ colour: line.colour, width: 1.4, path: draw_with_dots })),
-      x: { label: "cycles", values: (plot, splits) => splits.map((split) => split.toLocaleString("en-US")) }, y: { label: name, size: 3.1 }, values: (plot, left) => this.values(left),
+      id, x_only: true, sync, quantities: ["plain", quantity], zoomed: show_zoom, lines: lines.map((line) => ({ colour: line.colour, width: 1.4, dash: line.dash ? [0.5, 0.3] : undefined, path: line.dots ? draw_with_dots : draw_known })),
+      x: { label: across.label, ...(across.ticks ? { values: (plot, splits) => splits.map(across.ticks) } : {}) }, y: { label: name, size: 3.1 }, values: (plot, left) => this.values(left),
     });
     this.name_axes();
   }
-  name_axes() { this.plot.options.y.label = with_unit_of(this.name, this.quantity); this.range = new Range(); this.plot.build(); }
-  draw(cycles, columns) { // numbers of cycles, and for each line its values (SI; null: unknown)
-    this.cycles = cycles; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
-    const all = this.columns.flat().filter(isFinite), y = all.length ? shown_range(this.quantity, [Math.min(...all), Math.max(...all)]) : [0, 0];
-    this.plot.box.closest("section").hidden = !all.length;
-    this.plot.draw(this.columns.map((values) => [cycles, values]), { x: [0, Math.max(1, 1.12 * cycles[cycles.length - 1] || 1)], y: this.range.follow(...y, Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs)))) });
+  use(quantity, name) { if (quantity !== this.quantity) { this.quantity = quantity; this.name = name; this.plot.options.quantities = ["plain", quantity]; this.name_axes(); } }
+  name_axes() { this.plot.options.y.label = with_unit_of(this.name, this.quantity); this.range = new Range(); this.plot.view = null; this.plot.build(); }
+  draw(xs, columns) { // columns: values of each line (SI; null: unknown)
+    this.xs = xs; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
+    const all = this.columns.flat().filter(isFinite), ends = all.length ? [all.reduce((a, b) => Math.min(a, b)), all.reduce((a, b) => Math.max(a, b))] : [0, 0];
+    const y = this.range.follow(...shown_range(this.quantity, ends), magnitude(this.quantity, this.least));
+    this.plot.draw(this.columns.map((values) => [xs, values]), {
+      x: [xs[0] || 0, Math.max(xs[xs.length - 1] || 0, (xs[0] || 0) + 1)],
+      y: [isFinite(this.low) ? shown(this.quantity, this.low) : y[0], isFinite(this.high) ? shown(this.quantity, this.high) : y[1]],
+    });
   }
   values(left) {
     const { x } = this.plot.shown_range(), at = x[0] + (x[1] - x[0]) * left / this.plot.plot.over.clientWidth;
-    if (!this.cycles.length) return null;
-    const after = Math.min(place_of(this.cycles, at), this.cycles.length - 1), place = after > 0 && at - this.cycles[after - 1] < this.cycles[after] - at ? after - 1 : after;
-    const values = this.lines.map((line, index) => isFinite(this.columns[index][place]) ? `${line.name} ${with_unit(this.quantity, this.columns[index][place])}` : `${line.name} –`);
-    return { text: [`${this.cycles[place].toLocaleString("en-US")} cycles`, ...values].join("\n") };
+    if (!this.xs.length) return null;
+    const after = Math.min(place_of(this.xs, at), this.xs.length - 1), place = after > 0 && at - this.xs[after - 1] < this.xs[after] - at ? after - 1 : after;
+    const values = this.lines.map((line, index) => `${line.name} ${isFinite(this.columns[index][place]) ? with_unit(this.quantity, this.columns[index][place]) : "–"}`);
+    return { text: [this.across.text(this.xs[place]), ...values].join("\n") };
   }
+}
+// Medians of the cycles of an endurance test over their number.
+class WearChart extends CurveChart {
+  constructor(box, id, quantity, name, lines) {
+    const count = (cycles) => cycles.toLocaleString("en-US");
+    super(box, id, { label: "cycles", text: (cycles) => `${count(cycles)} cycles`, ticks: count }, quantity, name, lines.map((line) => ({ ...line, dots: true })), { sync: "wear" });
+  }
+  draw(cycles, columns) {
+    const all = columns.flat().filter((value) => value !== null && isFinite(value)), y = all.length ? shown_range(this.quantity, [Math.min(...all), Math.max(...all)]) : [0, 0];
+    this.xs = cycles; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
+    this.plot.box.closest("section").hidden = !all.length;
+    this.plot.draw(this.columns.map((values) => [cycles, values]), { x: [0, Math.max(1, 1.12 * cycles[cycles.length - 1] || 1)], y: this.range.follow(...y, Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs)))) });
+  }
+}
+function draw_known(pen, xs, ys, px, py) {
+  let on = false;
+  for (let i = 0; i < xs.length; i++) { if (!isFinite(ys[i])) { on = false; continue; } if (on) pen.lineTo(px(xs[i]), py(ys[i])); else pen.moveTo(px(xs[i]), py(ys[i])); on = true; }
 }
 
 QUANTITIES.energy = { unit: "J", scale: 1, offset: 0, sign: 1 };
+QUANTITIES.share = { unit: "%", scale: 0.01, offset: 0, sign: 1 };
 QUANTITIES.plain = { unit: "", scale: 1, offset: 0, sign: 1 };
 function show_zoom(plot) {
   const button = plot.box.closest("section").querySelector(".reset");

@@ -63,6 +63,11 @@ const wear = [
   { chart: new WearChart(by_id("plot-wear-energy"), "wear-energy", "energy", "E", [{ name: "energy", colour: "--now" }]), columns: ["energy"] },
   { chart: new WearChart(by_id("plot-wear-heat"), "wear-heat", "temperature", "T", [{ name: "coil", colour: "--now" }]), columns: ["temperature"] },
 ];
+const trial_charts = {
+  errors: new CurveChart(by_id("plot-trial-errors"), "trial-errors", { label: "trial", ticks: (x) => Number.isInteger(x) ? String(x) : "", text: (x) => Number.isInteger(x) ? `trial ${x}` : "" }, "share", "RMS error", [{ name: "error", colour: "--now", dots: true }, { name: "tolerance", colour: "--second", dash: true }], { low: 0 }),
+  coherence: new CurveChart(by_id("plot-trial-coherence"), "trial-coherence", { label: "frequency (Hz)", text: (x) => `${plain(x)} Hz` }, "plain", "coherence", [{ name: "coherence", colour: "--now" }, { name: "least", colour: "--second", dash: true }], { low: 0, high: 1.05 }),
+  signal: new CurveChart(by_id("plot-trial-signal"), "trial-signal", { label: "time (s)", text: (x) => `${x.toFixed(3)} s` }, "displacement", "displacement", [{ name: "measured", colour: "--now" }, { name: "target", colour: "--second", dash: true }]),
+};
 function peaks_of(one) { const found = [one.peak_force_rebound_N, one.peak_force_compression_N]; return found.every((value) => typeof value === "number") ? found : null; }
 const CHANNEL_NAMES = { 1: "force", 2: "displacement", 20: "displacement (controller)", 10: "current", 16: "current (commanded)", 11: "coil", 12: "ECU" };
 function called(channel) { const found = run && run.devices.find((one) => one.channel === channel); return CHANNEL_NAMES[channel] || (found ? found.name : String(channel)); }
@@ -102,6 +107,7 @@ function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s()
 function take_display(display) { // units and signs of `[display]`
   for (const [name, { unit, scale, offset, sign }] of Object.entries(display || {})) QUANTITIES[name] = { unit: SYMBOLS[unit] || unit, scale, offset, sign };
   for (const { chart } of [...loops, ...trends, ...wear]) chart.name_axes();
+  trial_charts.signal.name_axes();
   strips.name_axes(); rows_of = null; by_id("peak-unit").textContent = `in ${QUANTITIES.force.unit}`;
 }
 const SYMBOLS = { degC: "°C", degF: "°F", K: "K" };
@@ -154,6 +160,23 @@ function endurance_cycles() { // counted ones, and those of the running block
   by_id("endurance-bar").setAttribute("aria-valuenow", share.toFixed(0)); by_id("endurance-bar").firstElementChild.style.width = `${share}%`;
 }
 let cycles_shown = 0;
+let trials = null; // of the signal whose command was iterated last
+const OUTCOMES = { converged: "converged", limit: "ended: a limit was reached", "not-coherent": "ended: not coherent", "noise-floor": "ended: noise floor", divergence: "ended: divergence", iterations: "ended: too few iterations" };
+function draw_trials() {
+  by_id("trials-box").hidden = !trials;
+  for (const section of document.querySelectorAll(".trials")) section.hidden = !trials;
+  if (!trials) return;
+  const { errors, tolerance } = trials, last = errors.length - 1, percent = (value) => `${number(100 * value)} %`;
+  write("trials-of", `– ${trials.point}: ${trials.record}${trials.follows === "force" ? " (force target)" : ""}`);
+  write("trials-state", last < 0 ? "The response of the machine has been identified." : `Trial ${last}: RMS error ${percent(errors[last])}${tolerance === null ? "" : `, tolerance ${percent(tolerance)}`}${OUTCOMES[trials.outcome] ? `; ${OUTCOMES[trials.outcome]}` : ""}${trials.reason ? `. ${trials.reason}` : ""}`);
+  by_id("trials-tolerance").hidden = tolerance === null;
+  trial_charts.errors.plot.box.closest("section").hidden = trial_charts.signal.plot.box.closest("section").hidden = last < 0;
+  const ends = [-0.5, ...errors.map((_, place) => place), last + 0.5]; // the tolerance is a line across the chart
+  trial_charts.errors.draw(ends, [[NaN, ...errors, NaN], ends.map(() => tolerance)]);
+  trial_charts.coherence.draw(trials.frequency_Hz, [trials.coherence, trials.frequency_Hz.map(() => trials.least_coherence)]);
+  trial_charts.signal.use(...(trials.follows === "force" ? ["force", "force"] : ["displacement", "displacement"]));
+  trial_charts.signal.draw(trials.time_s, [trials.measured, trials.target]);
+}
 function few(ids) { return ids.length > 2 ? `${ids.length} points` : ids.join(", "); }
 function headings(old) {
   const shown_ids = selected.filter((each) => each && each.series).map((each) => each.id), one = old ? point(old.id) : null;
@@ -167,12 +190,14 @@ function take(message) {
   else if (message.type === "state") { informed = true; if (state.ended && !message.ended) deselect_all(); state = message; progress(); endurance_cycles(); confirmations(); buttons(); show_first(); show_entered(); if (pause_wanted && (state.ended || (state.paused && state.kind === "paused"))) pause_over(); }
   else if (message.type === "results") { results = message.all === false ? { ...results, ...message.points } : message.points; matrix(); draw_trends(); refresh_selected(); show_first(); }
   else if (message.type === "endurance") { endurance = message.tests; cycles_shown = 0; draw_endurance(); }
+  else if (message.type === "iteration") { trials = message.trials; draw_trials(); }
   else if (message.type === "events") events(message);
   else if (message.type === "standing") { standing = message; show_standing(); }
   else if (message.type === "answer") answered(message);
   judge();
 }
 function described(message) {
+  if (run && run.name !== message.name) { trials = null; draw_trials(); }
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
   if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
   if (finished_run && message.name !== finished_run) { finished_run = ""; window.history.replaceState(null, "", with_token("/run")); } // the rig is in use
@@ -235,7 +260,7 @@ function answered(message) {
 }
 
 for (const button of document.querySelectorAll(".reset")) button.onclick = () => {
-  const plots = [...loops, ...trends, ...wear].map(({ chart }) => chart.plot).concat(strips.lanes.map((lane) => lane.plot));
+  const plots = [...[...loops, ...trends, ...wear].map(({ chart }) => chart), ...Object.values(trial_charts)].map((chart) => chart.plot).concat(strips.lanes.map((lane) => lane.plot));
   for (const plot of plots) if (button.closest("section").contains(plot.box) && plot.view) plot.reset();
 };
 by_id("close").onclick = () => say({ do: "close" });
@@ -257,7 +282,7 @@ document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") close_explanation();
 });
 
-function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); draw_endurance(); }
+function repaint() { theme(); colours.clear(); drawn_at = 0; redraw(); draw_trends(); draw_endurance(); draw_trials(); }
 dark.addEventListener("change", repaint);
 by_id("theme").onclick = () => { other_theme(); repaint(); };
 repaint(); connect(); setInterval(look_after, 250);

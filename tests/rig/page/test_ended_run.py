@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import struct
 from pathlib import Path
@@ -242,3 +243,22 @@ def test_a_session_that_was_refused_states_why_and_keeps_the_points_of_those_bef
     assert "refused" not in journal(tmp_path, refused, {"event": "connected"}, RESULT).result
     stopped = journal(tmp_path, {**refused, "slug": "sigint"}).result
     assert (stopped["stopped_by"], "refused" in stopped) == ("sigint", False)
+
+
+def test_the_trials_of_an_iterated_signal_are_those_of_the_newest_file_whatever_else_is_there(tmp_path: Path) -> None:
+    assert WatchedRun(tmp_path).trials() is None
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives" / "p002.h5").write_bytes(b"no HDF5")
+    assert WatchedRun(tmp_path).trials() is None
+    with h5py.File(tmp_path / "drives" / "p001.h5", "w") as file:
+        file.attrs.update({
+            "point": "p001", "record": "road", "follows": "displacement", "outcome": "", "reason": "",
+            "start": "target", "tolerance": 0.02, "least_coherence": 0.8, "step_s": 0.001,
+        })
+        file["error"], file["delay"] = [0.2], [0.0]
+        file["target"], file["measured"] = np.zeros(5), np.ones((1, 5))
+        file["response/frequency"], file["response/coherence"] = [1.0, 2.0], [0.9, np.nan]
+    os.utime(tmp_path / "drives" / "p002.h5", (0, 0))
+    trials = WatchedRun(tmp_path).trials()
+    assert trials is not None
+    assert (trials["point"], trials["errors"], trials["coherence"]) == ("p001", [0.2], [0.9, None])

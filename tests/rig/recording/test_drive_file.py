@@ -1,7 +1,9 @@
-"""Stored drives: read back as the start of another iteration, only on the same machine with the same specimen."""
+"""Stored drives: read back as the start of another iteration, only on the same machine with the same specimen; and as
+excerpts for the page."""
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
+from rig.errors import EXIT_DONE, EXIT_USAGE
+from rig.recording.drive_excerpt import MOST_SHOWN, drive_excerpt, main
 from rig.recording.drive_file import DriveOwner, kept_drives, write_drive
 from rig.recording.point_attributes import NOT_STATED, attributes_of, point_fields
 from rig.signals.drive_iteration import KEPT, FrequencyResponse, SignalDrive, Trial, command_record
@@ -129,3 +133,37 @@ def test_a_response_that_makes_no_command_is_refused(
     kept, problems = kept_drives(tmp_path / "drives", OWNER, (POINT,), 0.8)
     assert kept == ()
     assert problem in "".join(problems)
+
+
+def test_an_excerpt_contains_errors_coherence_and_the_middle_of_the_last_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_drive(tmp_path / "drives", "p001", OWNER, POINT, drive(), 0.02)
+    path = tmp_path / "drives" / "p001.h5"
+    trials = drive_excerpt(path)
+    assert (trials["point"], trials["errors"], trials["tolerance"]) == ("p001", [0.2, 0.01, 0.05], 0.02)
+    assert trials["coherence"] == [0.98] * len(trials["frequency_Hz"])
+    assert len(trials["time_s"]) == len(trials["target"]) == len(trials["measured"]) <= MOST_SHOWN
+    first = round(trials["time_s"][0] / 1e-3)
+    assert trials["target"][0] == pytest.approx(TARGET.amplitude_m * TARGET.shape[first], rel=1e-4)
+    assert trials["measured"] == trials["target"]
+    assert main([str(path)]) == EXIT_DONE
+    assert json.loads(capsys.readouterr().out) == trials
+
+
+def test_values_that_are_not_known_are_null(tmp_path: Path) -> None:
+    broken = drive()
+    broken.trials[-1].measured[:] = math.nan
+    write_drive(tmp_path / "drives", "p001", OWNER, POINT, broken)
+    trials = drive_excerpt(tmp_path / "drives" / "p001.h5")
+    assert trials["tolerance"] is None
+    assert set(trials["measured"]) == {None}
+
+
+@pytest.mark.parametrize("content", [b"", b"no HDF5"])
+def test_another_file_is_a_line_and_an_exit_code(
+    content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "p001.h5").write_bytes(content)
+    assert main([str(tmp_path / "p001.h5")]) == EXIT_USAGE
+    assert capsys.readouterr().err.count("\n") == 1
