@@ -371,7 +371,8 @@ def advanced(
         raise ValueError("a drive has noise, or a command and a response")
     trial = tried(len(drive.trials), target, drive.command, measured, response, force_N)
     before = drive.best
-    drive = replace(drive, trials=(*drive.trials, trial), limited=_saturation(target, trial) if saturated else "")
+    limited = _saturation(target, trial) if saturated else drive.limited
+    drive = replace(drive, trials=(*drive.trials, trial), limited=limited)
     best = drive.best or trial
     if best.within(SETTLED_SHARE * settings.tolerance):
         return _ended(drive, best, CONVERGED, settings)
@@ -402,7 +403,7 @@ def _corrected(
         expected = command if target.of_force else _expected(drive, target, best, gain)
         refused = limits.against(command, expected)
         if not refused:
-            return replace(drive, command=command, limited=why or drive.limited, setbacks=drive.setbacks + bool(why))
+            return replace(drive, command=command, limited=why, setbacks=drive.setbacks + bool(why))
         why = why or f"{refused}; {_fitting(limits.share(_commanded(drive, target, best, 1.0)))}"
     return _ended(replace(drive, limited=why), best, LIMIT, settings)
 
