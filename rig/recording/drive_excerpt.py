@@ -21,6 +21,7 @@ import numpy as np
 from rig.errors import EXIT_DONE, EXIT_USAGE, FileProblem
 from rig.recording.drive_file import LARGEST_BYTES
 from rig.recording.excerpt import NICENESS
+from rig.signals.arrays import FloatArray
 from rig.text_file import read_bytes
 
 SHOWN_S, MOST_SHOWN = 8.0, 800
@@ -37,7 +38,7 @@ def drive_excerpt(path: Path) -> dict[str, Any]:
     """
     with h5py.File(io.BytesIO(read_bytes(path, LARGEST_BYTES)), "r") as file:
         about = dict(file.attrs)
-        errors, delays_s = np.asarray(file["error"], np.float64), np.asarray(file["delay"], np.float64)
+        errors, delays_s = (np.asarray(file[name], np.float64) for name in ("error", "delay"))
         names = ("target_force", "force") if about["follows"] == "force" else ("target", "measured")
         target = np.asarray(file[names[0]], np.float64)
         measured = np.asarray(file[names[1]][-1], np.float64) if len(file[names[1]]) else np.full(len(target), np.nan)
@@ -59,7 +60,7 @@ def drive_excerpt(path: Path) -> dict[str, Any]:
     }
 
 
-def _numbers(values: np.typing.NDArray[np.float64]) -> list[float | None]:
+def _numbers(values: FloatArray) -> list[float | None]:
     """Numbers of five digits; null where there is none."""
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
 

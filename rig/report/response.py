@@ -32,7 +32,7 @@ NOTE = (
 FROM_CURRENT = (
     "The simulated rig ran faster than real time, so the times count from the start of the measured coil current."
 )
-WIDTH, HEIGHT = 320, 220
+WIDTH, HEIGHT = 440, 260
 LEADS = 3.0
 """Standard uncertainties by which the force leads the current."""
 SHOWN = 3
@@ -205,12 +205,18 @@ def _summary(tests: Sequence[ResponseTest], display: Display) -> list[Block]:
     if len(known) < 2:
         return []
     name = LEVEL_NAMES[place]
+    over = (
+        ("velocity", Axis("Velocity", display.speed.unit), lambda test: display.speed.signed(test.velocity_m_s),
+         lambda test: f"{_high_A(test):.3g} A"),
+        ("current", Axis("Current", "A"), _high_A,
+         lambda test: f"{display.speed.text(abs(test.velocity_m_s), 2)} {test.direction}"),
+    )
     figures = [
-        _over(known, place, Axis("Velocity", display.speed.unit), f"{name} vs. velocity",
-              lambda test: display.speed.signed(test.velocity_m_s), lambda test: f"{_high_A(test):.3g} A"),
-        _over(known, place, Axis("Current", "A"), f"{name} vs. current", _high_A,
-              lambda test: f"{display.speed.text(abs(test.velocity_m_s), 2)} {test.direction}"),
+        _over(known, place, axis, f"{name} vs. {what}", at, group) for what, axis, at, group in over
+        if len({round(at(test), 3) for test in known}) > 1
     ]
+    if not figures:
+        return []
     caption = f"{name} over velocity and over current. Vertical bars: 95 % intervals."
     return [Paragraph(caption, small=True), Figures(tuple(figures), across=2)]
 
