@@ -44,7 +44,7 @@ def drive_excerpt(path: Path) -> dict[str, Any]:
         measured = np.asarray(file[names[1]][-1], np.float64) if len(file[names[1]]) else np.full(len(target), np.nan)
         response = {name: np.asarray(file["response"][name], np.float64) for name in ("frequency", "coherence")}
     step_s = float(about["step_s"])
-    time_s = step_s * np.arange(len(target))
+    time_s = np.asarray(step_s * np.arange(len(target)), np.float64)
     half, middle = round(0.5 * SHOWN_S / step_s), len(target) // 2
     first, last = max(0, middle - half), min(len(target), middle + half)
     rows = slice(first, last, max(1, -(-(last - first) // MOST_SHOWN)))

@@ -161,6 +161,8 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
         yield "The response has two lags"
     if test["current"] is None:
         yield "The coil current is not measured, so the delay of the force behind it is not known"
+    elif test["current"]["why"]:
+        yield f"Coil current: {test['current']['why']}"
     behind = test["behind_current"]
     if behind is not None and behind["value_s"] < -LEADS * behind["std_s"]:
         yield "The force leads the measured coil current: the measurement of the current has a filter or a delay"

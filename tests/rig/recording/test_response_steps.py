@@ -37,14 +37,15 @@ class SteppedRig(SyntheticRig):
     point: TestPoint = POINT
     fluid_s: float = FLUID_S
     late_s: float = 0.0
+    coil_s: float = COIL_S
 
     def displacement(self, time_s: np.ndarray) -> np.ndarray:
         phase = self.phase(time_s)
         return self.amplitude_m * self.envelope(time_s) * (1.0 - np.abs(4.0 * ((phase + 0.25) % 1.0) - 2.0))
 
-    def current(self, time_s: np.ndarray, lag_s: float = COIL_S, second_s: float = 0.0) -> np.ndarray:
+    def current(self, time_s: np.ndarray, second_s: float = 0.0) -> np.ndarray:
         """The coil's current, or what the fluid makes of it (A)."""
-        total = np.zeros(len(time_s))
+        total, lag_s = np.zeros(len(time_s)), self.coil_s
         changes = np.diff((0.0, *self.point.steps_A))
         for at_s, change_A in zip(self.point.steps_s, changes, strict=True):
             since_s = np.maximum(time_s - self.start_s - self.late_s - at_s, 0.0)
@@ -168,6 +169,16 @@ def test_the_coil_s_lag_under_motion_is_that_of_current_steps(
     assert lag.eta_1_s == pytest.approx(1.0 / COIL_S, abs=5.0 * lag.std_1_s)
     assert lag.behind_s is not None
     assert lag.behind_s[0] == pytest.approx(FLUID_S, abs=4.0 * lag.behind_s[1])
+
+
+def test_eta_under_motion_is_that_of_another_coil_without_a_fluid_s_lag(tmp_path: Path) -> None:
+    """A coil of 20 ms: eta is 50 1/s."""
+    lag, _ = lag_of([recorded(tmp_path, rig_of(coil_s=0.02, fluid_s=0.0))])
+    assert lag is not None
+    assert lag.eta_1_s == pytest.approx(50.0, abs=min(5.0 * lag.std_1_s, 0.5))
+    assert lag.behind_s is not None
+    assert lag.behind_s[0] == pytest.approx(0.0, abs=4.0 * lag.behind_s[1])
+    assert lag.behind_s[1] < 0.003
 
 
 def test_the_measured_times_are_rows_of_the_results_database(
