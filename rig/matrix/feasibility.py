@@ -298,17 +298,26 @@ def _shortest_hold_s(point: TestPoint) -> float:
     return min((after - before for before, after in pairwise(point.steps_s)), default=math.inf)
 
 
+def _settling_s(point: TestPoint) -> float:
+    """Shortest time that a step of a current program has: until the next one, in a response test until the reversal."""
+    if point.kind != RESPONSE:
+        return _shortest_hold_s(point)
+    half_s, first_s = 0.5 / point.frequency_Hz, (point.ramp_in_cycles + 0.25) / point.frequency_Hz
+    return min((half_s - (at_s - first_s) % half_s for at_s in point.steps_s[1:]), default=math.inf)
+
+
 def _of_supply(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Whether the current source can make the steps of a current program: voltage, inductance, rate of change."""
     specimen, ecu = matrix.specimen, bench.ecu
     largest_A, limit_V = max(map(abs, point.steps_A)), ecu.voltage_limit_V
-    hold_s = _shortest_hold_s(point)
+    left_s = _settling_s(point)
+    until = "the rod reverses" if point.kind == RESPONSE else "the next step follows"
     step_A = max((abs(after - before) for before, after in pairwise(point.steps_A)), default=0.0)
-    if ecu.slew_limit_A_s is not None and _beyond(step_A / ecu.slew_limit_A_s, hold_s):
+    if ecu.slew_limit_A_s is not None and _beyond(step_A / ecu.slew_limit_A_s, left_s):
         text = (
             f"the current source changes the current by at most {ecu.slew_limit_A_s:.3g} A/s ([ecu] slew_limit): a "
-            f"step of {step_A:.3g} A takes {show(step_A / ecu.slew_limit_A_s, 'ms', 3)}, but the next step follows "
-            f"after {show(hold_s, 'ms', 3)}"
+            f"step of {step_A:.3g} A takes {show(step_A / ecu.slew_limit_A_s, 'ms', 3)}, but {until} "
+            f"after {show(left_s, 'ms', 3)}"
         )
         yield Reason("current-settling", text, step_A)
     ohm = specimen.coil_resistance_ohm
@@ -325,11 +334,11 @@ def _of_supply(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reaso
         lag_s = specimen.coil_inductance_H / ohm
         rise_s = lag_s * math.log(limit_V / max(limit_V - SETTLED_SHARE * ohm * largest_A, 1e-9 * limit_V))
         needed_s = max(rise_s, -lag_s * math.log1p(-SETTLED_SHARE))
-        if _beyond(needed_s, hold_s):
+        if _beyond(needed_s, left_s):
             text = (
                 f"with a coil of {show(specimen.coil_inductance_H, 'mH', 3)} and {ohm:.3g} ohm at {limit_V:.3g} V, the "
-                f"current takes {show(needed_s, 'ms', 3)} to make 95 % of its step, but the next step follows after "
-                f"{show(hold_s, 'ms', 3)}"
+                f"current takes {show(needed_s, 'ms', 3)} to make 95 % of its step, but {until} after "
+                f"{show(left_s, 'ms', 3)}"
             )
             yield Reason("current-settling", text, needed_s)
 

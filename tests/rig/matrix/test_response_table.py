@@ -95,14 +95,15 @@ def test_the_plan_judges_every_current_of_a_program_and_the_speeds() -> None:
 
 
 def test_steps_that_the_supply_cannot_make_are_refused() -> None:
-    """Shortest hold 0.4 s at 0.2 m/s: 2 A at 4 A/s takes 0.5 s; 1 H and 5 ohm fall to 5 % in 0.6 s."""
+    """The rod reverses 0.3 s after a step at 0.2 m/s: 2 A at 4 A/s takes 0.5 s; 0.8 H and 5 ohm fall to 5 % in 0.48 s."""
     slow = DEMO.model_copy(update={"ecu": replace(DEMO.ecu, slew_limit_A_s=4.0)})
     assert slugs(slow, matrix()) == [[], [], [], ["current-settling"]]
     supply = DEMO.model_copy(update={"ecu": replace(DEMO.ecu, voltage_limit_V=12.0)})
-    coil = 'coil_resistance = "5 ohm"\ncoil_inductance = "1 H"'
+    coil = 'coil_resistance = "5 ohm"\ncoil_inductance = "0.8 H"'
     assert slugs(supply, matrix(specimen=coil)) == [[], [], ["current-settling"], ["current-settling"]]
     reason = plan(matrix(specimen=coil), supply).points[2].reasons[0]
-    assert f"{1e3 * 0.2 * math.log(20.0):.0f} ms to make 95 %" in reason
+    assert f"{1e3 * 0.16 * math.log(20.0):.0f} ms to make 95 %" in reason
+    assert "the rod reverses after" in reason
     weak = DEMO.model_copy(update={"ecu": replace(DEMO.ecu, voltage_limit_V=9.0)})
     assert slugs(weak, matrix(specimen='coil_resistance = "5 ohm"')) == [[], ["current"], [], ["current"]]
 
@@ -117,7 +118,7 @@ def test_a_current_that_is_set_manually_cannot_be_stepped() -> None:
 def test_the_example_is_feasible_and_described_by_its_currents() -> None:
     planned = plan(load_matrix(EXAMPLES / "response.toml"), DEMO)
     assert planned.feasible
-    assert planned.points[1].point.described == "triangle 40 mm 0.625 Hz 0 to 2 A"
+    assert planned.points[1].point.described == "triangle 40 mm 0.1 m/s 0 to 2 A"
 
 
 def test_an_unused_entry_changes_no_digest() -> None:
