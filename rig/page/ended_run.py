@@ -223,7 +223,9 @@ def trials_of(drives: Path) -> dict[str, Any] | None:
     with contextlib.suppress(OSError, ValueError, RecursionError, subprocess.SubprocessError):
         files = [path for path in drives.glob("*.h5") if path.is_file() and not path.is_symlink()]
         newest = max(files, key=lambda path: path.stat().st_mtime_ns, default=None)
-        written = None if newest is None else read_apart("rig.recording.drive_excerpt", newest)
+        if newest is None:
+            return None
+        written = read_apart("rig.recording.drive_excerpt", newest)
         trials = None if written is None else json.loads(written)
         return trials if isinstance(trials, dict) else None
     return None

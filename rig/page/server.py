@@ -364,6 +364,8 @@ class PageServer:
                 return
             self._informed[connection] = client
             send_framed([connection], sent)  # without waiting, so no change can occur in between
+        if not client.bench:
+            self._later(self._send_trials(run, connection))
         if connection in self._finished:
             broadcast([connection], written(self._standing(connection, client)))
 
@@ -451,10 +453,26 @@ class PageServer:
         parts = frozenset[str]() if reading else run.grown()
         if anew or parts:
             self._later(self._send_read(run, parts, anew=anew))
+        if anew or "iteration" in parts:
+            self._later(self._send_trials(run))
         if run.state_changed() and live is not None and not anew:
             self._send_state(run.running_state(live))
         if self._lease.holder != self._sent_lease:
             self._send_lease()
+
+    async def _send_trials(self, run: WatchedRun, connection: ServerConnection | None = None) -> None:
+        """Read the trials of an iterated signal, and send them to one browser or to all that show the run.
+
+        Nothing else waits for the process that reads them: on a busy computer it takes seconds.
+        """
+        async with self._reading:
+            trials = await asyncio.to_thread(run.trials)
+        if connection is None:
+            receivers = self._on_run() if run is self._run else []
+        else:
+            receivers = [connection] if connection in self._informed else []
+        if trials is not None:
+            broadcast(receivers, written({"type": "iteration", "trials": trials}))
 
     def _send_state(self, state: dict[str, Any]) -> None:
         broadcast((*self._on_run(), *self._on_bench()), written(state))
@@ -490,8 +508,6 @@ class PageServer:
                 texts += in_pieces({**RESULTS, "all": False}, changed)
         if anew or "endurance" in parts:
             texts.append(written(run.endurance()))
-        if anew or "iteration" in parts:
-            texts += _iteration(run)
         self._known = run
         events = run.news()
         state = run.state() if anew else None
@@ -511,9 +527,7 @@ class PageServer:
         events = {"type": "events", "events": list(run.events), "all": True}
         endurance = run.endurance()
         tests = [written(endurance)] if endurance["tests"] else []
-        return [
-            *described, *in_pieces(RESULTS, results), *tests, *_iteration(run), written(run.state()), written(events)
-        ]
+        return [*described, *in_pieces(RESULTS, results), *tests, written(run.state()), written(events)]
 
     def _look_after(self, control: BenchControl) -> None:
         """What runs on the bench now; what has ended goes into its history."""
@@ -542,12 +556,6 @@ def _results(run: WatchedRun) -> dict[str, str]:
     """Verdicts by point as JSON text, because garbage collection of thousands of objects is slow."""
     with _no_collection():
         return {name: written(one) for name, one in run.results()["points"].items()}
-
-
-def _iteration(run: WatchedRun) -> list[str]:
-    """The message with the trials of an iterated signal; none without any."""
-    trials = run.trials()
-    return [] if trials is None else [written({"type": "iteration", "trials": trials})]
 
 
 @contextmanager
