@@ -95,7 +95,7 @@ def test_the_plan_judges_every_current_of_a_program_and_the_speeds() -> None:
 
 
 def test_steps_that_the_supply_cannot_make_are_refused() -> None:
-    """The rod reverses 0.3 s after a step at 0.2 m/s: 2 A at 4 A/s takes 0.5 s; 0.8 H and 5 ohm fall to 5 % in 0.48 s."""
+    """At 0.2 m/s, 0.3 s until the rod reverses: 2 A at 4 A/s takes 0.5 s; 0.8 H and 5 ohm fall to 5 % in 0.48 s."""
     slow = DEMO.model_copy(update={"ecu": replace(DEMO.ecu, slew_limit_A_s=4.0)})
     assert slugs(slow, matrix()) == [[], [], [], ["current-settling"]]
     supply = DEMO.model_copy(update={"ecu": replace(DEMO.ecu, voltage_limit_V=12.0)})
