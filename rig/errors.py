@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -17,9 +18,16 @@ EXIT_UNKNOWN_STATE = 7
 EXIT_NOT_ACCEPTED = 8
 
 
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Characters that control a terminal or turn the direction of text; tabs and line ends are none of them."""
+
+
 def clean_text(text: str) -> str:
-    """The one place that the words of errors, causes and notes pass; nothing behind it is decided by them."""
-    return text
+    """The one place that the words of errors, causes and notes pass; nothing behind it is decided by them.
+
+    Control characters, which names in a user's files may contain, are shown as escapes: a terminal would obey them.
+    """
+    return CONTROL.sub(lambda sign: repr(sign[0])[1:-1], text) if CONTROL.search(text) else text
 
 
 class RigError(Exception):

@@ -308,7 +308,8 @@ def _as_typed(files: Sequence[Path]) -> str:
     folder, suffix = files[0].parent, files[0].suffix
     if len(files) > 3 and {*files} == {*folder.glob(f"*{suffix}")}:
         return f"{shlex.quote(str(folder))}/*{suffix}"
-    return shlex.join(map(str, files))
+    # A name that begins with a dash would be an option.
+    return shlex.join(f"./{file}" if str(file).startswith("-") else str(file) for file in files)
 
 
 def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:

@@ -36,14 +36,14 @@ def write_json(value: object) -> None:
 
 def console(*, as_json: bool = False) -> Console:
     """Where text for people goes: standard output, or standard error when that is kept for JSON."""
-    from rich.console import Console
+    from rig.cli.safe_console import SafeConsole  # loads rich: not needed for the help
 
-    shown = Console(stderr=as_json, highlight=False)
+    shown = SafeConsole(stderr=as_json, highlight=False)
     if not shown.is_terminal:
-        return Console(stderr=as_json, highlight=False, width=PLAIN_WIDTH)
+        return SafeConsole(stderr=as_json, highlight=False, width=PLAIN_WIDTH)
     if shown.is_dumb_terminal:  # rich takes these for 80 columns wide, whatever they are
         columns, lines = shutil.get_terminal_size()
-        return Console(stderr=as_json, highlight=False, width=columns, height=lines)
+        return SafeConsole(stderr=as_json, highlight=False, width=columns, height=lines)
     return shown
 
 
