@@ -15,7 +15,7 @@ from rig.display import Display, Shown
 from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, Row, table
 from rig.document.numbers import MINUS, known_digits
 from rig.document.terminal import Line, lines
-from rig.document.words import FAIR, GOOD, POOR
+from rig.document.words import FAIR, GOOD, POOR, all_of
 
 STATES = (State.FAILED, State.UNSURE, State.MISSING, State.PASSED)
 """In the order in which values are shown."""
@@ -76,7 +76,7 @@ def _acceptance(acceptance: AcceptanceResult, display: Display, *, several: bool
     total, bad = len(acceptance.results), acceptance.not_passed
     if acceptance.passed:
         least = min(acceptance.results, key=lambda result: _or_infinite(result.margin_percent))
-        stated = f"PASS against {acceptance.name}: all {total} values within their bands; smallest margin: "
+        stated = f"PASS against {acceptance.name}: {all_of(total, 'value')} within the bands; smallest margin: "
         verdict = Note(GOOD, stated + f"{least.title}, {margin_text(least, display)}")
     else:
         kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
@@ -107,7 +107,7 @@ def specimen_blocks(specimen: SpecimenResult, display: Display) -> Blocks:
         return [Note(severity, f"{name}: {title}: {specimen.reason}")]
     total, bad = len(acceptance.results), acceptance.not_passed
     if not bad:
-        detail = f"all {total} values passed; smallest margin: {specimen.reason}"
+        detail = f"{all_of(total, 'value')} passed; smallest margin: {specimen.reason}"
     else:
         detail = f"{len(bad)} of {total} values did not pass"
     verdict = Note(severity, f"{name}: {title} against {acceptance.name} ({acceptance.decision}): {detail}")

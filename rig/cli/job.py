@@ -248,7 +248,8 @@ def run_job(
             if live is not None:
                 live.evaluated(specimen)
             return JobResult(result, specimen=specimen)
-        with status_line(console, "identifying the damper"):
+        doing = "identifying the damper" if _fitted(result, identify) else "evaluating the points"
+        with status_line(console, doing):
             answer = analyst.answer()
         specimen = _specimen(result.campaign, answer)
         if live is not None:

@@ -15,7 +15,7 @@ from rich.style import Style
 
 from rig.document.blocks import Block, Blocks, Column, Note, Paragraph, Row, table
 from rig.document.terminal import Line, lines
-from rig.document.words import FAIR, GOOD, PLAIN, POOR
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, all_of
 from rig.errors import clean_text
 from rig.jobs.time_left import duration
 
@@ -89,7 +89,7 @@ def plan_blocks(plan: Plan, *, everything: bool = False) -> Blocks:
 def verdict_blocks(plan: Plan) -> Blocks:
     """What is planned, and whether it is within limits."""
     bad, total = sum(not item.feasible for item in plan.points), len(plan.points)
-    stated = f"all {total} points within limits" if bad == 0 else f"{bad} of {total} points outside limits"
+    stated = f"{bad} of {total} points outside limits" if bad else f"{all_of(total, 'point')} within limits"
     if plan.warm_up is not None and not plan.warm_up.feasible:
         stated += ", warm-up outside limits"
     heat = "" if plan.energy_J is None else f"; {energy(plan.energy_J)} of heat"

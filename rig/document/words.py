@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from enum import StrEnum
+
+from rig.document.numbers import MINUS, PLUS_MINUS
 
 
 class Severity(StrEnum):
@@ -63,9 +66,22 @@ Words = str | Span | tuple[str | Span, ...]
 """A text; a line feed in it begins a new line."""
 
 
+SIGN = re.compile(r"`[^`]*`|(?<![^\s(\[])(?P<sign>\+?-)(?= ?\.?\d)")
+"""The sign of a number as typed in ASCII; what is between backquotes is typed into a terminal and stays."""
+
+
 def parts(words: Words) -> tuple[str | Span, ...]:
-    """A text as its parts, in order."""
-    return words if isinstance(words, tuple) else (words,)
+    """A text as its parts, in order, with typographic signs before numbers."""
+    listed = words if isinstance(words, tuple) else (words,)
+    return tuple(
+        _typographic(part) if isinstance(part, str) else replace(part, text=_typographic(part.text))
+        if isinstance(part, Strong) else part for part in listed
+    )  # fmt: skip
+
+
+def _typographic(text: str) -> str:
+    """"-5 N +- 2 N" with the signs that `rig.document.numbers` writes."""
+    return SIGN.sub(lambda sign: {"-": MINUS, "+-": PLUS_MINUS, None: sign[0]}[sign["sign"]], text)
 
 
 def plain(words: Words) -> str:
@@ -84,6 +100,11 @@ def joined(words: list[Words], separator: str) -> Words:
 def capitalised(text: str) -> str:
     """A text with a capital first letter; the others stay as they are."""
     return text[:1].upper() + text[1:]
+
+
+def all_of(count: int, noun: str) -> str:
+    """"all 6 points", or "1 point"."""
+    return f"1 {noun}" if count == 1 else f"all {count} {noun}s"
 
 
 def verdict(name: str) -> Label:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from rig.fits.plain import plain
-from rig.process_quality.control_chart import D2, TooFewValues, moving_range_freedom
+from rig.process_quality.control_chart import D2, RESOLUTION, TooFewValues, moving_range_freedom
 from rig.signals.arrays import FloatArray
 
 CONFIDENCE = 0.95
@@ -133,7 +133,7 @@ def _check(values: FloatArray, low: float | None, high: float | None) -> None:
         raise ValueError(f"got the limits {low:g} and {high:g}, expected the lower limit first")
     if len(values) < FEWEST:
         raise TooFewValues(f"got {len(values)} values, expected at least {FEWEST}")
-    if not np.std(values) > 0.0:
+    if not np.std(values) > RESOLUTION * np.max(np.abs(values)):
         raise ValueError("all values are equal: the resolution of the measurement is too coarse")
 
 

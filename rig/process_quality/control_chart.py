@@ -32,6 +32,8 @@ USUAL_BASELINE = 25
 MOST_ROUNDS = 10
 MOST_REMOVED = 0.2
 """Share of phase I that may be removed; beyond it, the process was not in control and has no limits of its own."""
+RESOLUTION = 1e-6
+"""Share of a value below which a difference is no measurement: a sensor with 20 bits at its full range."""
 CORRELATED = 2.0
 """Standard errors of the lag-1 autocorrelation from which values are not independent."""
 
@@ -148,12 +150,14 @@ class ControlChart:
         }  # fmt: skip
 
 
-def control_chart(values: FloatArray, baseline: int | None = None) -> ControlChart:
+def control_chart(values: FloatArray, baseline: int | None = None, resolution: float = 0.0) -> ControlChart:
     """Chart of individual values and moving ranges.
 
     Args:
         values: finite values in the order of time, (n,).
         baseline: number of first values that belong to phase I; None: the first `USUAL_BASELINE`, or all of fewer.
+        resolution: smallest sigma, in the values' unit: the standard uncertainty of a value by repeatability, or the
+            resolution of its measurement. Smaller differences are not known.
 
     Raises:
         TooFewValues: phase I has fewer than `FEWEST` values.
@@ -166,30 +170,33 @@ def control_chart(values: FloatArray, baseline: int | None = None) -> ControlCha
     if count < FEWEST:
         raise TooFewValues(f"got {count} values of phase I, expected at least {FEWEST}")
     kept = np.ones(count, bool)
-    centre, mean_range = _limits(values[:count], kept)
+    least = D2 * resolution
+    centre, mean_range = _limits(values[:count], kept, least)
     for _ in range(MOST_ROUNDS):
         beyond = kept & (np.abs(values[:count] - centre) > 3.0 * mean_range / D2)
         if not np.any(beyond) or np.count_nonzero(~kept | beyond) > MOST_REMOVED * count:
             break
         kept &= ~beyond
-        centre, mean_range = _limits(values[:count], kept)
+        centre, mean_range = _limits(values[:count], kept, least)
     sigma = mean_range / D2
     removed = tuple(np.flatnonzero(~kept).tolist())
     correlation = lag_one(values[:count][kept])
-    remarks = tuple(_remarks(count, removed, correlation, sigma))
+    remarks = tuple(_remarks(count, removed, correlation, sigma, floored=0.0 < mean_range <= least))
     return ControlChart(
         values, count, removed, centre, sigma, mean_range, violations_of(values, centre, sigma, mean_range),
         correlation, remarks,
     )  # fmt: skip
 
 
-def _limits(values: FloatArray, kept: NDArray[np.bool_]) -> tuple[float, float]:
-    """Mean and mean moving range; ranges next to a removed value are left out."""
+def _limits(values: FloatArray, kept: NDArray[np.bool_], least: float) -> tuple[float, float]:
+    """Mean, and mean moving range of at least `least`; ranges next to a removed value are left out."""
     ranges = np.abs(np.diff(values))[kept[1:] & kept[:-1]]
-    return float(np.mean(values[kept])), float(np.mean(ranges)) if len(ranges) else 0.0
+    return float(np.mean(values[kept])), max(least, float(np.mean(ranges)) if len(ranges) else 0.0)
 
 
-def _remarks(count: int, removed: tuple[int, ...], correlation: float, sigma: float) -> list[str]:
+def _remarks(
+    count: int, removed: tuple[int, ...], correlation: float, sigma: float, *, floored: bool
+) -> list[str]:
     remarks = []
     if count < ADVISED:
         share = 100.0 * math.sqrt(moving_range_variance(count))
@@ -198,7 +205,10 @@ def _remarks(count: int, removed: tuple[int, ...], correlation: float, sigma: fl
     if removed:
         remarks.append(f"{len(removed)} of {count} values of phase I were beyond the limits and were removed from "
             "the limits")
-    if sigma == 0.0:
+    if floored:
+        remarks.append("the values of phase I vary by less than one value is known; sigma is the repeatability of a "
+            "value, or the resolution of the measurement if that is larger")
+    elif sigma == 0.0:
         remarks.append("all values of phase I are equal: every other value is beyond the limits")
     elif abs(correlation) > CORRELATED / math.sqrt(count):
         remarks.append(f"successive values are correlated ({correlation:.2f}); the limits assume independent values, "

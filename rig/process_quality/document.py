@@ -332,7 +332,8 @@ def _gauges(study: GaugeStudies, most: int | None) -> Blocks:
         gauge = one.study.components["gauge"]
         level = max((_grr(gauge.study_percent), GOOD if one.study.ndc >= FEWEST_CATEGORIES else FAIR), key=_badness)
         rows.append(Row((
-            one.series.label, str(one.study.parts), str(one.study.operators), str(one.study.trials),
+            one.series.label, str(one.study.parts), str(one.study.operators),
+            number(one.study.trials, 3),
             f"{number(gauge.study_percent, 3)} %", f"{_interval(gauge.study_low, gauge.study_high)} %",
             number(gauge.tolerance_percent, 3), str(one.study.ndc),
         ), level))  # fmt: skip

@@ -3,6 +3,11 @@
 Crossed study: every operator measures every part several times. The interaction of operator and part is pooled with the
 repeatability if it is not significant. Of one operator, repeatability and part variation are determined.
 
+The numbers of trials may differ. The sums of squares of parts, operators and interaction are then those of the
+unweighted means of the combinations, multiplied by the harmonic mean of the numbers of trials; their expectations are
+those of a balanced study with that number of trials, and all values contribute to the repeatability (R. K. Burdick,
+F. A. Graybill, Confidence Intervals on Variance Components, 1992, chapter 6). Of a balanced study, both are the same.
+
 Intervals are generalised confidence intervals (M. Hamada, S. Weerahandi, J. Quality Technology 32 (2000) 241; R. K.
 Burdick, C. M. Borror, D. C. Montgomery, Design and Analysis of Gauge R&R Studies, 2005): the sums of squares over their
 expected mean squares are chi-squared distributed, so draws of these give draws of every function of the variances.
@@ -20,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rig.fits.plain import plain
-from rig.process_quality.control_chart import TooFewValues
+from rig.process_quality.control_chart import RESOLUTION, TooFewValues
 from rig.signals.arrays import FloatArray
 
 POOLED_FROM = 0.05
@@ -79,22 +84,30 @@ class GaugeStudy:
     """Result of a gauge study.
 
     Attributes:
-        parts, operators, trials: size of the study.
+        parts, operators: size of the study.
+        trials: of each combination of part and operator; of an unbalanced study the harmonic mean.
+        most_trials, fewest_trials: of any combination.
+        count: number of values.
         anova: rows of the analysis of variance, the interaction pooled or not.
         pooled: whether the interaction was pooled with the repeatability; None with one operator.
         components: `gauge`, `repeatability`, `reproducibility`, `operator`, `interaction`, `part`, `total`.
         categories: number of distinct categories (ndc), not rounded, and its 95 % interval.
         tolerance: width of the tolerance; None without one.
+        resolved: whether trials of one combination differ by more than the resolution of a measurement.
     """
 
     parts: int
     operators: int
-    trials: int
+    trials: float
+    fewest_trials: int
+    most_trials: int
+    count: int
     anova: tuple[Source, ...]
     pooled: bool | None
     components: Mapping[str, Component]
     categories: tuple[float, float, float]
     tolerance: float | None = None
+    resolved: bool = True
 
     @property
     def ndc(self) -> int:
@@ -105,6 +118,12 @@ class GaugeStudy:
     def remarks(self) -> tuple[str, ...]:
         """What must be known before the result is believed."""
         remarks = []
+        if self.fewest_trials < self.most_trials:
+            remarks.append(f"the numbers of trials differ ({self.fewest_trials} to {self.most_trials}): unweighted "
+                "means are used, so the intervals are approximate")
+        if not self.resolved:
+            remarks.append("the trials of each combination are equal within the resolution of a measurement, so the "
+                "repeatability is not known: %GRR is a lower limit, ndc an upper limit")
         if self.operators == 1:
             remarks.append("one operator: the reproducibility is not known")
         elif self.operators <= ADVISED_OPERATORS + 1:
@@ -117,7 +136,8 @@ class GaugeStudy:
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
         return {
-            "parts": self.parts, "operators": self.operators, "trials": self.trials, "pooled": self.pooled,
+            "parts": self.parts, "operators": self.operators, "trials": self.trials, "count": self.count,
+            "fewest_trials": self.fewest_trials, "most_trials": self.most_trials, "pooled": self.pooled,
             "anova": plain(self.anova), "components": plain(self.components),
             "ndc": self.ndc, "categories": dict(zip(("value", "low", "high"), plain(self.categories), strict=True)),
             "tolerance": self.tolerance, "remarks": list(self.remarks),
@@ -125,29 +145,40 @@ class GaugeStudy:
 
 
 def gauge_study(values: NDArray[np.float64], tolerance: float | None = None, *, pool: bool | None = None) -> GaugeStudy:
-    """Analysis of a balanced crossed study.
+    """Analysis of a crossed study.
 
     Args:
-        values: measured values, shape (parts, operators, trials).
+        values: measured values, shape (parts, operators, trials); NaN where a combination has fewer trials.
         tolerance: width of the tolerance, in the values' unit; None: unknown.
         pool: whether the interaction is pooled; None: if it is not significant.
 
     Raises:
-        TooFewValues: fewer than two parts or two trials.
-        ValueError: a value is not finite, all values are equal, or the tolerance is not positive.
+        TooFewValues: fewer than two parts, or no combination with two trials.
+        ValueError: a combination has no value, a value is infinite, all values are equal, or the tolerance is not
+            positive.
     """
     values = np.asarray(values, np.float64)
-    if values.ndim != 3 or not np.all(np.isfinite(values)):
+    if values.ndim != 3 or np.any(np.isinf(values)):
         raise ValueError("gauge study: expected finite values of shape (parts, operators, trials)")
     if tolerance is not None and not tolerance > 0.0:
         raise ValueError(f"got the tolerance {tolerance:g}, expected a positive width")
-    parts, operators, trials = values.shape
-    if parts < FEWEST_PARTS or trials < FEWEST_TRIALS:
-        raise TooFewValues(f"got {parts} part(s) and {trials} trial(s), expected at least {FEWEST_PARTS} parts and "
+    parts, operators, _ = values.shape
+    trials = np.count_nonzero(np.isfinite(values), axis=2)
+    if np.any(trials == 0):
+        raise ValueError("gauge study: expected at least one finite value of each part and operator")
+    most = int(np.max(trials, initial=0))
+    if parts < FEWEST_PARTS or most < FEWEST_TRIALS:
+        raise TooFewValues(f"got {parts} part(s) and {most} trial(s), expected at least {FEWEST_PARTS} parts and "
             f"{FEWEST_TRIALS} trials. Fix: test several specimens, each several times")
-    if np.ptp(values) == 0.0:
+    scale = RESOLUTION * float(np.nanmax(np.abs(values)))
+    if not np.nanmax(values) - np.nanmin(values) > scale:
         raise ValueError("all values are equal: the resolution of the measurement is too coarse")
-    squares = _sums_of_squares(values)
+    harmonic = trials.size / float(np.sum(1.0 / trials))
+    squares = _sums_of_squares(values, harmonic)
+    error = squares["repeatability"]
+    resolved = error[0] > error[1] * scale**2
+    if not resolved:
+        squares["repeatability"] = (error[1] * scale**2, error[1])
     pooled = None
     if operators > 1:
         interaction, error = squares["interaction"], squares["repeatability"]
@@ -158,13 +189,15 @@ def gauge_study(values: NDArray[np.float64], tolerance: float | None = None, *, 
             del squares["interaction"]
     means = {name: total / freedom for name, (total, freedom) in squares.items()}
     anova = _anova(squares, "interaction" if "interaction" in squares else "repeatability")
-    estimates = _variances(means, values.shape)
-    draws = _variances(_drawn(squares), values.shape)
+    shape = (parts, operators, harmonic)
+    estimates = _variances(means, shape)
+    draws = _variances(_drawn(squares), shape)
     components = {name: _component(estimates, draws, name, tolerance) for name in estimates}
     return GaugeStudy(
-        parts, operators, trials, anova, pooled, components, _interval_of(
+        parts, operators, round(harmonic) if harmonic == round(harmonic) else harmonic, int(np.min(trials)), most,
+        int(np.sum(trials)), anova, pooled, components, _interval_of(
             estimates, draws, lambda one: CATEGORIES * np.sqrt(one["part"] / _positive(one["gauge"]))
-        ), tolerance,
+        ), tolerance, resolved,
     )  # fmt: skip
 
 
@@ -172,11 +205,18 @@ Squares = dict[str, tuple[float, int]]
 """Source -> sum of squares and degrees of freedom."""
 
 
-def _sums_of_squares(values: NDArray[np.float64]) -> Squares:
-    parts, operators, trials = values.shape
-    mean = float(np.mean(values))
-    of_parts, of_operators, of_cells = values.mean(axis=(1, 2)), values.mean(axis=(0, 2)), values.mean(axis=2)
-    error = float(np.sum((values - of_cells[:, :, None]) ** 2))
+def _sums_of_squares(values: NDArray[np.float64], trials: float) -> Squares:
+    """Sums of squares of the means of the combinations, and those within the combinations.
+
+    Args:
+        values: (parts, operators, trials), NaN where there is none.
+        trials: of a combination, harmonic mean.
+    """
+    parts, operators, _ = values.shape
+    of_cells = np.nanmean(values, axis=2)
+    mean = float(np.mean(of_cells))
+    of_parts, of_operators = of_cells.mean(axis=1), of_cells.mean(axis=0)
+    error = float(np.nansum((values - of_cells[:, :, None]) ** 2))
     squares = {"part": (operators * trials * float(np.sum((of_parts - mean) ** 2)), parts - 1)}
     if operators > 1:
         rest = of_cells - of_parts[:, None] - of_operators + mean
@@ -184,7 +224,7 @@ def _sums_of_squares(values: NDArray[np.float64]) -> Squares:
             "operator": (parts * trials * float(np.sum((of_operators - mean) ** 2)), operators - 1),
             "interaction": (trials * float(np.sum(rest**2)), (parts - 1) * (operators - 1)),
         }
-    return {**squares, "repeatability": (error, parts * operators * (trials - 1))}
+    return {**squares, "repeatability": (error, int(np.count_nonzero(np.isfinite(values))) - parts * operators)}
 
 
 def _ratio(one: tuple[float, int], other: tuple[float, int]) -> float:
@@ -208,7 +248,7 @@ Variances = dict[str, Any]
 """Source -> variance: numbers, or arrays of draws."""
 
 
-def _variances(means: Mapping[str, Any], shape: tuple[int, ...]) -> Variances:
+def _variances(means: Mapping[str, Any], shape: tuple[int, int, float]) -> Variances:
     """Variance components from mean squares by their expectations; negative ones are 0."""
     parts, operators, trials = shape
     error = means["repeatability"]
@@ -252,15 +292,15 @@ def _component(estimates: Variances, draws: Variances, name: str, tolerance: flo
     return Component(*std, contribution, *share, *of_tolerance)
 
 
-def balanced(cells: Mapping[tuple[str, str], Sequence[float]]) -> tuple[NDArray[np.float64], list[str], list[str], int]:
-    """Values of a study as an array: the first trials of each cell, as many as the smallest cell has.
+def table_of(cells: Mapping[tuple[str, str], Sequence[float]]) -> tuple[NDArray[np.float64], list[str], list[str]]:
+    """Values of a study as an array.
 
     Args:
         cells: (part, operator) -> values of the trials, in the order of time.
 
     Returns:
-        Values (parts, operators, trials), names of the parts and of the operators, and the number of values that
-        were left out.
+        Values (parts, operators, trials), NaN where a combination has fewer trials; names of the parts and of the
+        operators.
 
     Raises:
         ValueError: an operator did not measure a part; the message names all of these.
@@ -269,8 +309,11 @@ def balanced(cells: Mapping[tuple[str, str], Sequence[float]]) -> tuple[NDArray[
     missing = [f"{part} by {operator}" for part in parts for operator in operators if not cells.get((part, operator))]
     if missing:
         listed = "; ".join(missing[:5]) + (f"; and {len(missing) - 5} more" if len(missing) > 5 else "")
-        raise ValueError(f"{len(missing)} of {len(parts) * len(operators)} combinations were not measured: {listed}")
-    trials = min(len(values) for values in cells.values())
-    values = np.array([[cells[part, operator][:trials] for operator in operators] for part in parts], np.float64)
-    left_out = sum(len(one) for one in cells.values()) - values.size
-    return values, parts, operators, left_out
+        raise ValueError(f"{len(missing)} of {len(parts) * len(operators)} combinations were not measured: {listed}. "
+            "Fix: test them; the analysis of variance requires each combination at least once")
+    values = np.full((len(parts), len(operators), max(map(len, cells.values()))), np.nan)
+    for row, part in enumerate(parts):
+        for column, operator in enumerate(operators):
+            trials = cells[part, operator]
+            values[row, column, : len(trials)] = trials
+    return values, parts, operators

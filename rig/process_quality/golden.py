@@ -20,7 +20,9 @@ import numpy as np
 from scipy import stats
 
 from rig.process_quality.control_chart import (
+    D2,
     FEWEST,
+    RESOLUTION,
     USUAL_BASELINE,
     ControlChart,
     Rule,
@@ -45,13 +47,17 @@ SURE = 3.0
 """Standard errors from which the history's own change of force with temperature is used."""
 AS_GOOD = 3.84
 """Increase of the sum of squares up to which another cause explains a day about as well: chi-squared, 95 %."""
+SMALLEST = 1e-12
+"""Smallest sigma of a value that is zero on every day."""
+FEWEST_K = 0.5
+"""Range of the temperatures of phase I below which they cannot show how the force changes with temperature (K)."""
 UNEXPLAINED = 0.5
 """Share of a day's sum of squares that a cause must explain to be named."""
 WINDOWS = {Rule.BEYOND: 1, Rule.EIGHT: 8}
 """Rules that a day is checked by, for a step and for a slow drift, and the number of days whose mean is explained."""
 DAY_ALARM = 0.01
-"""Probability of a signal on a day without drift, over all causes, for known temperatures: measured 1 to 3 %
-(`benchmarks/quality.py`). With limits of 3 sigma for each cause and all rules it would be 8 %, because sigma is known
+"""Largest probability of a signal on a day without drift, shared equally by all causes and both rules; measured in
+`benchmarks/quality.py`. With limits of 3 sigma for each cause and all rules it would be 8 %, because sigma is known
 from few days and there are several causes."""
 
 
@@ -182,7 +188,8 @@ class GoldenCheck:
 
 
 def golden_check(
-    values: Mapping[Key, FloatArray], baseline: int | None = None, influence_1_K: float | None = None
+    values: Mapping[Key, FloatArray], baseline: int | None = None, influence_1_K: float | None = None,
+    resolutions: Mapping[Key, float] | None = None,
 ) -> GoldenCheck:
     """Check each day of a golden damper against phase I.
 
@@ -191,6 +198,7 @@ def golden_check(
         baseline: number of first days that belong to phase I; None: the first `USUAL_BASELINE`, or all but the last.
         influence_1_K: relative change of force per K; None: from the history. If it is known, forces are corrected to
             the mean temperature of phase I; else a change of temperature is recognised by -0.5 %/K.
+        resolutions: smallest known difference of each value; `RESOLUTION` of the value where it is not stated.
 
     Raises:
         TooFewValues: phase I has fewer than `FEWEST` days, or no value was measured on each of them.
@@ -212,21 +220,62 @@ def golden_check(
     corrected = influence_1_K is not None
     if influence_1_K is not None:
         table = _at_mean_temperature(used, table, count, influence_1_K)
-    limits = [control_chart(table[:count, column], count) for column in range(len(used))]
+    least = _least(used, table[:count], resolutions or {})
+    limits = [control_chart(table[:count, column], count, least[column]) for column in range(len(used))]
     centre = np.array([one.centre for one in limits])
-    sigma = np.array([max(one.sigma, 1e-9 * abs(one.centre), 1e-12) for one in limits])
+    sigma = np.array([one.sigma for one in limits])
+    others = _sigma_of_other_days(table[:count], limits, least)
     patterns = _patterns(used, centre, 0.0 if corrected else INFLUENCE_1_K)
     charts = {}
     for cause, pattern in patterns.items():
-        sizes = np.array([_size(day - centre, pattern, sigma)[0] for day in table])
+        weighted_by = [*others, *[sigma] * (days - count)]
+        sizes = np.array([_size(day - centre, pattern, one)[0] for day, one in zip(table, weighted_by, strict=True)])
         if np.all(np.isfinite(sizes[:count])):  # on a later day, the values that show this cause may be missing
-            charts[cause] = control_chart(sizes[:count], count).continued(sizes)
+            resolution = _resolution(pattern, sigma, least)
+            charts[cause] = control_chart(sizes[:count], count, resolution).continued(sizes)
     remarks += _unchecked(charts, count)
     findings = tuple(_findings(charts, patterns, used, table - centre, sigma, count))
     if missing:
         remarks.append(f"{len(missing)} values were not measured on every day of phase I and are not used; first: "
             f"{missing[0].label}")
     return GoldenCheck(tuple(used), charts, findings, days, count, missing, tuple(remarks))
+
+
+def _least(keys: Sequence[Key], table: FloatArray, resolutions: Mapping[Key, float]) -> FloatArray:
+    """Smallest known difference of each value (k,)."""
+    by_size = RESOLUTION * np.max(np.abs(table), axis=0)
+    stated = np.array([resolutions.get(key, 0.0) for key in keys])
+    return np.asarray(np.maximum(np.maximum(by_size, stated), SMALLEST))
+
+
+def _sigma_of_other_days(table: FloatArray, limits: Sequence[ControlChart], least: FloatArray) -> FloatArray:
+    """Sigma of each value from the moving ranges of the other days, for each day of phase I (days, k).
+
+    The sizes of causes are weighted by sigma. Weights that contain the day itself fit its noise: the sizes of phase I
+    would vary by 10 to 15 % less than those of later days, and the limits would be too narrow.
+
+    Args:
+        table: values of phase I (days, k).
+        limits: chart of each value.
+        least: smallest sigma of each value (k,).
+    """
+    kept = np.ones(table.shape, bool)
+    for column, one in enumerate(limits):
+        kept[list(one.removed), column] = False
+    used = kept[1:] & kept[:-1]
+    ranges = np.where(used, np.abs(np.diff(table, axis=0)), 0.0)
+    nothing = np.zeros((1, table.shape[1]))
+    near, near_count = (
+        np.vstack([nothing, one]) + np.vstack([one, nothing]) for one in (ranges, used.astype(np.float64))
+    )
+    mean = (np.sum(ranges, axis=0) - near) / np.maximum(np.sum(used, axis=0) - near_count, 1.0)
+    return np.asarray(np.maximum(mean / D2, least))
+
+
+def _resolution(pattern: Pattern, sigma: FloatArray, least: FloatArray) -> float:
+    """Smallest known size of a cause, from the smallest known differences of the values (k,)."""
+    weights = pattern / sigma**2
+    return float(np.sqrt(np.sum((weights * least) ** 2)) / (weights @ pattern))
 
 
 def _unchecked(charts: Mapping[Cause, ControlChart], count: int) -> Iterable[str]:
@@ -304,7 +353,7 @@ def _influence(keys: Sequence[Key], table: FloatArray) -> tuple[float | None, li
     forces = [place for place, key in enumerate(keys) if key.quantity in {"rebound_force", "jounce_force", "energy"}]
     if degC is None:
         return None, []
-    if forces and np.ptp(degC) > 0.0:
+    if forces and np.ptp(degC) > FEWEST_K:
         relative = np.mean(table[:, forces] / np.mean(table[:, forces], axis=0), axis=1) - 1.0
         line = stats.linregress(degC, relative)
         if abs(line.slope) > SURE * line.stderr:
@@ -350,7 +399,7 @@ def _findings(
     """Days of phase II on which the chart of the cause that explains them signals, or one that is not explained."""
     by_day: dict[int, dict[Cause, list[Violation]]] = {}
     freedom = moving_range_freedom(baseline)
-    least = float(stats.t.ppf(1.0 - 0.5 * DAY_ALARM / max(1, len(charts)), freedom))
+    least = float(stats.t.ppf(1.0 - 0.5 * DAY_ALARM / max(1, len(charts) * len(WINDOWS)), freedom))
     for cause, chart in charts.items():
         for one in chart.signals:
             if one.rule in WINDOWS and _significance(chart, one) > least:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rig.comparison.bands import Band, Bands, LoopBand
 from rig.comparison.readings import LoopReading, Motion
+from rig.process_quality.control_chart import RESOLUTION
 from rig.results.quantities import QUANTITIES, SPECIMEN
 from rig.results.reader import ResultRow
 from rig.signals.arrays import FloatArray
@@ -36,6 +37,7 @@ class Series:
         rows: first row of each campaign.
         values: (n,), in the order of time.
         stds: combined standard uncertainties (n,), NaN where unknown.
+        repeatability: standard uncertainties by the variation between cycles (n,), NaN where unknown.
         trials: number of averaged repeats of each campaign.
     """
 
@@ -46,6 +48,7 @@ class Series:
     rows: tuple[ResultRow, ...]
     values: FloatArray
     stds: FloatArray
+    repeatability: FloatArray
     trials: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
 
     @property
@@ -73,8 +76,20 @@ class Series:
     @property
     def uncertainty(self) -> float:
         """Median standard uncertainty of a value; NaN if none is known."""
-        known = self.stds[np.isfinite(self.stds)]
-        return float(np.median(known)) if len(known) else float("nan")
+        return _median(self.stds)
+
+    @property
+    def resolution(self) -> float:
+        """Smallest difference that is known: the median repeatability, at least `RESOLUTION` of the largest value."""
+        least = RESOLUTION * float(np.max(np.abs(self.values)))
+        known = _median(self.repeatability)
+        return max(least, known) if math.isfinite(known) else least
+
+
+def _median(values: FloatArray) -> float:
+    """Median of the finite values; NaN without any."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
 
 
 def when(row: ResultRow) -> datetime:
@@ -103,11 +118,17 @@ def _order(quantity: str) -> tuple[int, str]:
 def _series(key: tuple[str, str, float | None], campaigns: dict[str, list[ResultRow]]) -> Series:
     ordered = sorted(campaigns.values(), key=lambda rows: when(rows[0]))
     values = np.array([fmean([row.value for row in rows]) if len(rows) > 1 else rows[0].value for rows in ordered])
-    stds = np.array([max(math.nan if row.std is None else row.std for row in rows) for rows in ordered], np.float64)
+    stds = np.array([_largest(row.std for row in rows) for rows in ordered], np.float64)
+    repeatability = np.array([_largest(row.repeatability_std for row in rows) for rows in ordered], np.float64)
     trials = tuple(tuple(row.value for row in rows) for rows in ordered)
     quantity, motion, current_A = key
     return Series(quantity, ordered[0][0].unit, motion, current_A, tuple(rows[0] for rows in ordered), values, stds,
-                  trials)  # fmt: skip
+                  repeatability, trials)  # fmt: skip
+
+
+def _largest(values: Iterable[float | None]) -> float:
+    """The largest known value; NaN without any."""
+    return max((value for value in values if value is not None), default=math.nan)
 
 
 def usual(rows: Iterable[ResultRow]) -> list[ResultRow]:

@@ -23,7 +23,7 @@ from rig.process_quality.capability import (
 )
 from rig.process_quality.control_chart import ControlChart, TooFewValues, control_chart
 from rig.process_quality.display_units import shown_of
-from rig.process_quality.gauge_study import GaugeStudy, balanced, gauge_study
+from rig.process_quality.gauge_study import GaugeStudy, gauge_study, table_of
 from rig.process_quality.golden import GoldenCheck, Key, golden_check
 from rig.process_quality.series import Series, limits_of, remarks_on, series_of, when
 from rig.results.quantities import QUANTITIES
@@ -164,7 +164,7 @@ def _nothing(rows: Sequence[ResultRow]) -> str:
 def _charted(series: Series, baseline: int | None, limits: Limits) -> SeriesResult:
     result, why = SeriesResult(series), list[str]()
     try:
-        result = replace(result, chart=control_chart(series.values, baseline))
+        result = replace(result, chart=control_chart(series.values, baseline, series.resolution))
     except TooFewValues as error:
         why.append(f"no control chart: {error}")
     low, high = limits.of(series)
@@ -234,14 +234,15 @@ def golden_study(rows: Sequence[ResultRow], baseline: int | None = None) -> Gold
             ])
     specimen, ordered = rows[0].specimen, _days(series)
     campaigns = {row.campaign: place for place, row in enumerate(ordered)}
-    values = {}
+    values, resolutions = {}, {}
     for one in series:
         column = np.full(len(campaigns), np.nan)
         for row, value in zip(one.rows, one.values, strict=True):
             column[campaigns[row.campaign]] = value
-        values[Key(one.quantity, one.motion, one.current_A)] = column
+        key = Key(one.quantity, one.motion, one.current_A)
+        values[key], resolutions[key] = column, one.resolution
     try:
-        check = golden_check(values, baseline)
+        check = golden_check(values, baseline, resolutions=resolutions)
     except TooFewValues as error:
         raise FileProblem("rig quality golden", [f"{specimen or 'specimen'}: {error}"]) from error
     _require_last_day(rows, ordered, check)
@@ -347,12 +348,10 @@ def _gauged(series: Series, by: Operator, limits: Limits) -> GaugeResult:
     low, high = limits.of(series)
     tolerance = None if low is None or high is None else high - low
     try:
-        values, parts, operators, left_out = balanced(cells)
+        values, parts, operators = table_of(cells)
         study = gauge_study(values, tolerance)
     except ValueError as error:
         return GaugeResult(series, why=(str(error),))
-    if left_out:
-        why.append(f"{left_out} values were not used, so that each {by} has equally many trials of each specimen")
     if tolerance is None and limits.stated:
         why.append("no tolerance is stated for this value")
     return GaugeResult(series, study, tuple(parts), tuple(operators), tuple(why))

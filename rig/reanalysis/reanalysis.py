@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import rig
@@ -103,23 +103,30 @@ def reanalyse(run: Path | str, options: ReanalysisOptions | None = None) -> Rean
     parent = folder.reanalysed if options.out is None else options.out.absolute() / folder.path.name
     if not options.again and (done := _up_to_date(parent, inputs)) is not None:
         return Reanalysis(folder.path, done, up_to_date=True, software=version.described())
-    final = _free(parent)
+    before = _state(folder)
+    started = utc_now()
     size = sum(point.path.stat().st_size for point in _all_points(original) if point.path is not None)
     if options.out is not None:
         _check_out(options.out)
-    with staged(final, size) as stage:
+    with staged(parent, lambda number: _name(started, number), size) as (stage, final):
         made = _made(folder, original, stage, final, options)
         record = {**made.to_json(), "inputs_sha256": inputs}
         write_text_durably(CampaignFolder(stage).reanalysis, json.dumps(record, indent=1, allow_nan=False) + "\n")
+        if _state(folder) != before:
+            raise FileProblem(str(folder.path), ["its files were changed while it was analysed, for example because "
+                "the campaign was resumed or a model was fitted. Fix: analyse the run again when nothing else uses it"])
     return made
 
 
-def _free(parent: Path) -> Path:
-    """The folder of a new result: two results within a second have different names, in their order."""
-    at = utc_now()
-    while (final := parent / f"{at:%Y%m%dT%H%M%SZ}-{rig.__version__}").exists():
-        at += timedelta(seconds=1)
-    return final
+def _name(started: datetime, number: int) -> str:
+    """Name of a result: those of one second have the names of the seconds after it, so that they stay in order."""
+    return f"{started + timedelta(seconds=number):%Y%m%dT%H%M%SZ}-{rig.__version__}"
+
+
+def _state(folder: CampaignFolder) -> list[tuple[str, int, int]]:
+    """Name, size and time of change of everything that the results depend on."""
+    files = [(file, file.stat()) for file in (*folder.evaluated, *unfinished(folder.points))]
+    return [(file.name, stat.st_size, stat.st_mtime_ns) for file, stat in files]
 
 
 def _check_out(out: Path) -> None:

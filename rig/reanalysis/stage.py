@@ -6,17 +6,15 @@ A result that was interrupted by a crash remains under a name that no command re
 from __future__ import annotations
 
 import contextlib
-import os
-import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, Refused
 from rig.recording.atomic_write import FULL, flush_directory, inner_folder, write_whole
-from rig.recording.journal.journal_lock import campaign_held
+from rig.recording.journal.journal_lock import campaign_held, folder_claimed
 
 PARTIAL = ".partial"
 SPARE_BYTES = 32_000_000
@@ -27,37 +25,58 @@ READ_BYTES = 1 << 22
 
 
 @contextmanager
-def staged(final: Path, needed_bytes: int) -> Iterator[Path]:
-    """Provide a folder in which to make `final`; it gets its name at the end of the block.
+def staged(parent: Path, name_of: Callable[[int], str], needed_bytes: int) -> Iterator[tuple[Path, Path]]:
+    """Provide a folder in which to make a result, and the name that it gets at the end of the block.
+
+    The name belongs to this call from the start: a process that makes another result in `parent` has another one.
 
     Args:
-        final: the folder of the result, inside a folder that may be missing.
+        parent: folder of the results; it may be missing.
+        name_of: name of a result; its argument counts up until a name is free.
         needed_bytes: size of what will be written.
 
     Raises:
         FileProblem: the place is not writable or does not have enough space; nothing remains there.
     """
-    parent = final.parent
-    stage = parent / f".{final.name}-{os.getpid()}-{secrets.token_hex(2)}{PARTIAL}"
+    stage = final = parent
     made: Path | None = None
     try:
         if not parent.exists():
             made = parent
         inner_folder(parent.parent, parent.name)
-        _remove_abandoned(parent)
-        _check_space(parent, needed_bytes)
-        stage.mkdir()
-        with campaign_held(stage):
-            yield stage
+        with contextlib.ExitStack() as held:
+            with folder_claimed(parent):
+                _remove_abandoned(parent)
+                _check_space(parent, needed_bytes)
+                stage, final = _reserved(parent, name_of)
+                held.enter_context(campaign_held(stage))
+            yield stage, final
             stage.rename(final)
         flush_directory(parent)
     except OSError as error:
         raise FileProblem(str(final), [f"cannot be written: {_reason(error)}; no part of it remains"]) from error
     finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        if stage != parent:
+            shutil.rmtree(stage, ignore_errors=True)
         if made is not None:
             with contextlib.suppress(OSError):
                 made.rmdir()  # only if it is empty
+
+
+def _reserved(parent: Path, name_of: Callable[[int], str]) -> tuple[Path, Path]:
+    """A new folder to make a result in, and the free name that it reserves.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    number = 0
+    while True:
+        final = parent / name_of(number)
+        stage = parent / f".{final.name}{PARTIAL}"
+        if not final.exists() and not stage.exists():
+            stage.mkdir()
+            return stage, final
+        number += 1
 
 
 def _reason(error: OSError) -> str:

@@ -108,7 +108,7 @@ def start(page: Page) -> None:
     page.press("#name", "Enter")
     page.click("text=matrix.toml")
     page.wait_for_function("rigBench.plan && rigBench.plan.feasible", timeout=WAIT_MS)
-    assert page.evaluate("document.getElementById('plan').textContent").startswith("all 1 points within limits")
+    assert page.evaluate("document.getElementById('plan').textContent").startswith("1 point within limits")
     low = page.evaluate("document.getElementById('start').getBoundingClientRect().bottom")
     assert low < page.viewport_size["height"], "above the fold"
     page.fill("#serial", "MR-002")

@@ -45,6 +45,21 @@ def campaign_held(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
+def folder_claimed(folder: Path) -> Iterator[None]:
+    """Hold a folder while the block runs; waits until no other process holds it.
+
+    Raises:
+        OSError: it cannot be opened, or its file system knows no locks.
+    """
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
 def journal_claimed(journal: Path) -> Iterator[int | None]:
     """Hold a journal that no other process writes or finishes; gives a descriptor to read it by.
 

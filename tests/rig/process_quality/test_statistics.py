@@ -15,7 +15,7 @@ from rig.process_quality.control_chart import (
     moving_range_variance,
     violations_of,
 )
-from rig.process_quality.gauge_study import balanced, gauge_study
+from rig.process_quality.gauge_study import gauge_study, table_of
 
 LOANS = (
     310, 288, 297, 298, 307, 303, 294, 297, 308, 306, 294, 299, 297, 299, 314, 295, 293, 306, 301, 304,
@@ -33,7 +33,8 @@ AIAG = (
      (-0.11, -1.13, 1.09, 0.20, -1.07, -0.67, 0.01, -0.56, 1.45, -1.77),
      (-0.15, -0.96, 0.67, 0.11, -1.45, -0.49, 0.21, -0.49, 1.87, -2.16)),
 )  # fmt: skip
-"""AIAG, Measurement Systems Analysis, 4th edition: appraiser, trial, part."""
+"""AIAG, Measurement Systems Analysis, 4th edition: appraiser, trial, part. The data and results are those that Minitab
+publishes as GAGEAIAG.MTW, compared digit by digit with their copy in github.com/dflores296/msa-toolkit."""
 
 
 def aiag() -> np.ndarray:
@@ -109,16 +110,19 @@ def test_the_gauge_study_is_that_of_the_manual() -> None:
     assert squares == pytest.approx(
         {"operator": 3.1673, "part": 88.3619, "interaction": 0.3590, "repeatability": 2.7589}, abs=5e-5
     )
+    tests = {row.name: (row.F, row.p) for row in gauge_study(aiag(), pool=False).anova}
+    assert [tests[name][0] for name in ("part", "operator", "interaction")] == pytest.approx(
+        [492.291, 79.406, 0.434], abs=6e-4
+    )
+    assert tests["interaction"][1] == pytest.approx(0.974, abs=5e-4)
     components = study.components
     assert {name: components[name].std for name in ("repeatability", "operator", "gauge", "part")} == pytest.approx(
         {"repeatability": 0.199933, "operator": 0.226838, "gauge": 0.302373, "part": 1.042327}, abs=2e-6
     )
-    assert [round(components[name].study_percent, 1) for name in ("repeatability", "operator", "gauge", "part")] == [
-        18.4, 20.9, 27.9, 96.0
-    ]  # fmt: skip
-    assert [round(components[name].contribution_percent, 1) for name in ("repeatability", "operator", "gauge")] == [
-        3.4, 4.4, 7.8
-    ]  # fmt: skip
+    names = ("repeatability", "operator", "gauge", "part")
+    assert [round(components[name].std ** 2, 5) for name in names] == [0.03997, 0.05146, 0.09143, 1.08645]
+    assert [round(components[name].study_percent, 2) for name in names] == [18.42, 20.90, 27.86, 96.04]
+    assert [round(components[name].contribution_percent, 2) for name in names] == [3.39, 4.37, 7.76, 92.24]
     assert study.categories[0] == pytest.approx(4.861, abs=1e-3)
     assert study.ndc == 4
     # Exact interval of the repeatability: 78 degrees of freedom.
@@ -142,10 +146,57 @@ def test_an_interaction_one_operator_and_bad_studies() -> None:
             gauge_study(bad)
     with pytest.raises(TooFewValues, match="1 trial"):
         gauge_study(crossed[:, :, :1])
-    values, parts, operators, left_out = balanced({("b", "x"): [1, 2, 3], ("a", "x"): [4, 5]})
-    assert (values.shape, parts, operators, left_out) == ((2, 1, 2), ["a", "b"], ["x"], 1)
-    with pytest.raises(ValueError, match="a by y"):
-        balanced({("a", "x"): [1, 2], ("b", "x"): [1, 2], ("b", "y"): [1, 2]})
+    values, parts, operators = table_of({("b", "x"): [1, 2, 3], ("a", "x"): [4, 5]})
+    assert (values.shape, parts, operators) == ((2, 1, 3), ["a", "b"], ["x"])
+    assert np.isnan(values[0, 0, 2])
+    with pytest.raises(ValueError, match="a by y.*Fix"):
+        table_of({("a", "x"): [1, 2], ("b", "x"): [1, 2], ("b", "y"): [1, 2]})
+    with pytest.raises(ValueError, match="at least one finite value"):
+        gauge_study(np.where(np.arange(10)[:, None, None] == 4, np.nan, crossed))
+
+
+def test_an_unbalanced_study_uses_every_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gauge_module, "DRAWS", 100)
+    # Worked by hand: means 2, 5, 9, 10 with 3, 2, 1, 2 trials; harmonic mean 4 / (1/3 + 1/2 + 1 + 1/2) = 12/7.
+    values = np.array([[[1, 2, 3], [4, 6, np.nan]], [[9, np.nan, np.nan], [8, 12, np.nan]]], float)
+    study = gauge_study(values, pool=False)
+    trials = 12.0 / 7.0
+    assert (study.trials, study.count) == (pytest.approx(trials), 8)
+    assert (study.fewest_trials, study.most_trials) == (1, 3)
+    assert [row.name for row in study.anova] == ["part", "operator", "interaction", "repeatability"]
+    assert [row.freedom for row in study.anova] == [1, 1, 1, 4]
+    assert [row.sum_of_squares for row in study.anova] == pytest.approx([36.0 * trials, 4.0 * trials, trials, 12.0])
+    assert study.components["part"].std ** 2 == pytest.approx((36.0 - 1.0) * trials / (2.0 * trials))
+    assert any("1 to 3" in remark for remark in study.remarks)
+    random = np.random.default_rng(12)
+    truth, variances = np.array([0.09, 0.13, 1.0]), []
+    for _ in range(150):
+        drawn = (random.standard_normal((10, 1, 1)) + 0.2 * random.standard_normal((1, 3, 1))
+                 + 0.3 * random.standard_normal((10, 3, 3)))  # fmt: skip
+        drawn[:, :, 1:][random.random((10, 3, 2)) < 0.5] = np.nan
+        one = gauge_study(drawn).components
+        variances.append([one[name].std ** 2 for name in ("repeatability", "gauge", "part")])
+    error = np.std(variances, axis=0) / np.sqrt(len(variances))
+    assert np.all(np.abs(np.mean(variances, axis=0) - truth) < 3.5 * error)
+
+
+def test_limits_are_not_narrower_than_the_measurement() -> None:
+    noise = 1e-11 * np.random.default_rng(1).standard_normal(40)
+    chart = control_chart(500.0 + noise, 25, 0.2)
+    assert (chart.sigma, chart.mean_range) == pytest.approx((0.2, 0.2 * D2))
+    assert chart.in_control
+    assert "repeatability" in chart.remarks[0]
+    assert not control_chart(np.append(500.0 + noise, 500.7), 25, 0.2).in_control
+    wide = control_chart(np.random.default_rng(1).normal(500.0, 1.0, 40), 25, 0.2)
+    assert wide.sigma > 0.5
+    assert not any("repeatability" in remark for remark in wide.remarks)
+    with pytest.raises(ValueError, match="resolution"):
+        process_capability(500.0 + noise, 490.0, 510.0)
+    parts = np.arange(5.0)[:, None, None] + np.zeros((5, 2, 3)) + 500.0
+    exact = gauge_study(parts)
+    assert not exact.resolved
+    assert exact.components["gauge"].study_percent < 0.1
+    assert any("lower limit" in remark for remark in exact.remarks)
 
 
 def test_intervals_of_a_gauge_study_cover_what_they_claim(monkeypatch: pytest.MonkeyPatch) -> None:
