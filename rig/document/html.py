@@ -10,7 +10,7 @@ from rig.document import blocks as b
 from rig.document.drawing import drawing_of
 from rig.document.style import BARS, COLD, DARKEST, LABELS, MARK_INK, MARK_PAPER, MEASURED, WARM
 from rig.document.svg import SVG_RULES, svg
-from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Key, Label, Shade, Span, Strong, Words, parts
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Key, Label, Shade, Span, Strong, Words, printed
 
 CONTENTS = "\0contents\0"
 """Where the contents are put, once the document is known; no text has this character."""
@@ -47,7 +47,7 @@ def fragment(blocks: Iterable[b.Block]) -> str:
 
 def inline(words: Words) -> str:
     """A text as HTML, escaped."""
-    return "".join(_text(part) if isinstance(part, str) else _span(part) for part in parts(words))
+    return "".join(_text(part) if isinstance(part, str) else _span(part) for part in printed(words))
 
 
 def _text(value: object) -> str:

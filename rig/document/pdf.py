@@ -43,7 +43,7 @@ from rig.document.figure import Style
 from rig.document.fonts import known
 from rig.document.picture import Picture
 from rig.document.svg import LABEL, LETTERS, TEXT
-from rig.document.words import PLAIN, Code, Key, Label, Shade, Span, Strong, Words, parts, plain
+from rig.document.words import PLAIN, Code, Key, Label, Shade, Span, Strong, Words, parts, plain, printed
 
 MARGIN = 11 * mm
 BOTTOM = 13 * mm
@@ -253,7 +253,7 @@ def _style(name: str) -> ParagraphStyle:
 
 def inline(words: Words) -> str:
     """A text with the markup of the library's paragraphs."""
-    return "".join(_text(part) if isinstance(part, str) else _span(part) for part in parts(words))
+    return "".join(_text(part) if isinstance(part, str) else _span(part) for part in printed(words))
 
 
 def _text(value: object) -> str:

@@ -66,21 +66,27 @@ Words = str | Span | tuple[str | Span, ...]
 """A text; a line feed in it begins a new line."""
 
 
+def parts(words: Words) -> tuple[str | Span, ...]:
+    """A text as its parts, in order."""
+    return words if isinstance(words, tuple) else (words,)
+
+
 SIGN = re.compile(r"`[^`]*`|(?<![^\s(\[])(?P<sign>\+?-)(?= ?\.?\d)")
 """The sign of a number as typed in ASCII; what is between backquotes is typed into a terminal and stays."""
 
 
-def parts(words: Words) -> tuple[str | Span, ...]:
-    """A text as its parts, in order, with typographic signs before numbers."""
-    listed = words if isinstance(words, tuple) else (words,)
+def printed(words: Words) -> tuple[str | Span, ...]:
+    """The parts of a text for page and paper: typographic signs before numbers, as `rig.document.numbers` writes them.
+
+    Text that is copied into a terminal (`Code`, backquotes) stays as it is.
+    """
     return tuple(
         _typographic(part) if isinstance(part, str) else replace(part, text=_typographic(part.text))
-        if isinstance(part, Strong) else part for part in listed
+        if isinstance(part, Strong) else part for part in parts(words)
     )  # fmt: skip
 
 
 def _typographic(text: str) -> str:
-    """"-5 N +- 2 N" with the signs that `rig.document.numbers` writes."""
     return SIGN.sub(lambda sign: {"-": MINUS, "+-": PLUS_MINUS, None: sign[0]}[sign["sign"]], text)
 
 

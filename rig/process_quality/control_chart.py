@@ -203,8 +203,8 @@ def _remarks(
         remarks.append(f"phase I has only {count} values, so sigma is known to {share:.0f} %; at least {ADVISED} are "
             "advised")
     if removed:
-        remarks.append(f"{len(removed)} of {count} values of phase I were beyond the limits and were removed from "
-            "the limits")
+        remarks.append("values of phase I beyond the limits, which the limits do not include: "
+            f"{len(removed)} of {count}")
     if floored:
         remarks.append("the values of phase I vary by less than one value is known; sigma is the repeatability of a "
             "value, or the resolution of the measurement if that is larger")
