@@ -9,7 +9,7 @@ import pytest
 
 from rig.cli.main import main
 from rig.comparison import load_bands
-from rig.comparison.master_curve import make_bands, tolerances_of
+from rig.comparison.master_curve import make_bands, tolerance_factor, tolerances_of
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED, EXIT_USAGE, RigError
 from rig.recording.run import Run
 
@@ -50,6 +50,18 @@ def test_what_gets_no_band_is_stated(made_run: Make, made_point: Make) -> None:
     assert exact.count == 3
     stated = make_bands([Run.open(made_run("c", percent=2.0))], tolerances_of(["1 %"]))
     assert "3 band(s) are narrower than the expanded uncertainty" in stated.remarks[-1]
+
+
+def test_a_band_that_good_dampers_can_fail_is_stated(made_run: Make) -> None:
+    # ISO 16269-6, two-sided, 95 % of the values with 95 % confidence
+    for count, exact in ((3, 9.916), (10, 3.379), (30, 2.549)):
+        assert tolerance_factor(count) == pytest.approx(exact, rel=0.01)
+    runs = [Run.open(made_run(name, damping)) for name, damping in (("a", 990.0), ("b", 1000.0), ("c", 1010.0))]
+    # s = 10 N s/m * 0.12566 m/s = 1.257 N, 9.9 s = 12.5 N; 75.66 N in rebound
+    for tolerance, stated in (("12 N", True), ("13 N", False)):
+        made = make_bands(runs, tolerances_of([f"rebound_force={tolerance}"]))
+        assert any("tolerance interval of the 3 golden runs" in remark for remark in made.remarks) is stated
+    assert not make_bands(runs[:2], tolerances_of(["rebound_force=2 N"])).remarks
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from rig.errors import FileProblem, Refused
 from rig.fits.fit_record import FitRecord
 from rig.reanalysis import ReanalysisOptions, reanalyse, reanalyse_each
 from rig.reanalysis.changes import Cause, value_changes
+from rig.reanalysis.stage import staged
 from rig.recording.conversion.delay_correction import write_verdict
 from rig.recording.conversion.rebuilding import can_be_rebuilt
 from rig.recording.importing import import_tests
@@ -219,6 +220,29 @@ def test_an_interruption_or_a_full_disk_leaves_nothing(
     with pytest.raises(FileProblem, match="MB required") as caught:
         reanalyse(run, NO_FIT)
     assert caught.value.slug == "disk-full"
+
+
+def test_a_run_that_changes_meanwhile_has_no_result(
+    present: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Path(shutil.copytree(present, tmp_path / "run"))
+
+    def resumed(*_: object) -> reanalysis.Reanalysis:
+        (run / "points" / "p009.journal").write_bytes(b"")
+        return reanalysis.Reanalysis(run)
+
+    monkeypatch.setattr("rig.reanalysis.reanalysis._made", resumed)
+    with pytest.raises(FileProblem, match="were changed while it was analysed"):
+        reanalyse(run, NO_FIT)
+    assert not (run / "reanalysed").exists()
+
+
+def test_results_made_at_the_same_time_have_their_own_names(tmp_path: Path) -> None:
+    with staged(tmp_path, "r{}".format, 0) as (first, name), staged(tmp_path, "r{}".format, 0) as (second, other):
+        assert (name.name, other.name) == ("r0", "r1")
+        assert first.is_dir()
+        assert second.is_dir()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["r0", "r1"]
 
 
 def test_a_campaign_that_runs_is_refused(campaign: Path) -> None:
