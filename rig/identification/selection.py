@@ -21,7 +21,7 @@ from rig.fits.entries import ModelScore, mean_within
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced, spanning
 from rig.identification.models.separable import SCREENED, SearchAbandoned, SearchState, motion_scale
-from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, solve_folds
+from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, solve_folds, splits
 from rig.identification.models.undetermined import examine
 from rig.identification.remarks import Remark, say, some
 from rig.identification.uncertainty.scoring import misfits, rmse_N
@@ -347,7 +347,15 @@ def weighted_by_misfit(
 
 
 def _fitted_again(candidate: Candidate, fitted: Sequence[Measurement], method: Method) -> Candidate:
-    """In a worker: fit a candidate with another method, starting from its solution."""
-    solution = solve(candidate.model, fitted, method, candidate.findings, candidate.solution.values)
+    """In a worker: fit a candidate with another method, starting from its solution.
+
+    A solution at a limit tells little about the optimum with other weights: then the search is repeated without a start
+    (of models that split, for which this is quick), and the smaller objective decides.
+    """
+    model, findings = candidate.model, candidate.findings
+    solution = solve(model, fitted, method, findings, candidate.solution.values, exact=True)
     evaluations = candidate.solution.evaluations + solution.evaluations
+    if candidate.solution.at_limit and splits(model, fitted):
+        other = solve(model, fitted, method, findings)
+        solution, evaluations = min(solution, other, key=lambda one: one.objective), evaluations + other.evaluations
     return replace(candidate, solution=replace(solution, evaluations=evaluations))

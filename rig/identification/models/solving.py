@@ -136,6 +136,8 @@ def solve(
     findings: Undetermined,
     start: Mapping[str, float] | None = None,
     rival_N: float = math.inf,
+    *,
+    exact: bool = False,
 ) -> Solution:
     """Fit one model.
 
@@ -146,6 +148,7 @@ def solve(
         findings: parameters the tests cannot determine are held, at zero or where the findings fix them.
         start: values of a fit to nearly the same tests; `separable` then needs no global search.
         rival_N: root mean square error of another model on the tests of `spanning` (N).
+        exact: from a start, search a model with internal states to the end on all samples too.
 
     Raises:
         IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.
@@ -159,7 +162,7 @@ def solve(
         )
     if method.name == SEPARABLE:
         held, weighting = frozenset(findings.held), method.weighting(model)
-        solution = solve_weighted(model, measurements, weighting, held, start, rival_N)
+        solution = solve_weighted(model, measurements, weighting, held, start, rival_N, exact=exact)
         return solution if method.loss == SQUARES else _robust(model, measurements, weighting, held, solution)
     if method.name == THREE_STEPS:
         return solve_three_steps(model, measurements, method.weighting(model), frozenset(findings.held))
@@ -252,6 +255,8 @@ def solve_weighted(
     held: frozenset[str],
     near: Mapping[str, float] | None = None,
     rival_N: float = math.inf,
+    *,
+    exact: bool = False,
 ) -> Solution:
     """The weighted least-squares fit of one model.
 
@@ -262,6 +267,7 @@ def solve_weighted(
         held: parameters held at zero.
         near: values of a fit to nearly the same tests.
         rival_N: as in `solve`.
+        exact: as in `solve`.
 
     Raises:
         IdentificationFailed: as `solve`.
@@ -281,7 +287,7 @@ def solve_weighted(
         return solve_loop(measurements, form, weighting, held, near)
     from rig.identification.models.state_search import solve_states  # loads numba
 
-    return solve_states(measurements, model, weighting, held, near, rival_N)
+    return solve_states(measurements, model, weighting, held, near, rival_N, exact=exact)
 
 
 def _robust(

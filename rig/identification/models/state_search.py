@@ -151,6 +151,8 @@ def solve_states(
     held: frozenset[str],
     start: Mapping[str, float] | None = None,
     rival_N: float = math.inf,
+    *,
+    exact: bool = False,
 ) -> Solution:
     """Fit a model with internal states that does not split.
 
@@ -161,6 +163,7 @@ def solve_states(
         held: parameters left out, held at zero.
         start: values to start from instead of those the model proposes.
         rival_N: root mean square error of another model on the tests of `spanning` (N).
+        exact: finish on all samples also from a start.
 
     Raises:
         SearchAbandoned: the rival is so much better that nothing more is tried.
@@ -204,7 +207,8 @@ def solve_states(
         short = StateSquares(search, unknowns, few, weighting, short.evaluations)
         full = StateSquares(search, unknowns, measurements, weighting)
         theta, _ = short.minimise(unknowns.theta(search.named(natural)), ITERATIONS, ROUGH)
-    theta, objective = (theta, full.value(theta)) if start is not None else full.minimise(theta, LAST_ITERATIONS)
+    finished = start is None or exact
+    theta, objective = full.minimise(theta, LAST_ITERATIONS) if finished else (theta, full.value(theta))
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
     known = {name: value for name, value in unknowns.values(theta).items() if name != "eta"}
     return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta), reached=reached)
