@@ -59,10 +59,12 @@ class Ended:
 
     def analysed(self) -> dict[str, Any]:
         """Identified and reported as its matrix asks, as after `rig run`."""
-        from rig.cli.analyst import analyse
+        from rig.cli.analyst import _reported, evaluate
 
         identify = load_matrix(self.folder / "matrix.toml").identify
-        return analyse(self.folder, identify.model_dump(exclude={"enabled"}) if identify.enabled else None)
+        answer = evaluate(self.folder, identify.model_dump(exclude={"enabled"}) if identify.enabled else None)
+        report, report_error = _reported(self.folder)
+        return {**answer, "report": report, "report_error": report_error}
 
 
 @dataclass
