@@ -310,7 +310,7 @@ def ranges_and_the_stopped_point(page: Page) -> None:
     assert found[0] == found[1] == [pytest.approx(-756.0), pytest.approx(756.0)]
     assert found[2] == [pytest.approx(-5.4), pytest.approx(5.4)]
     cells = page.evaluate("[...document.querySelector('#matrix li').children].map(cell => cell.textContent)")
-    assert cells == ["✓ p001", "sine 50 mm, 1 Hz, 0.5 A", "-812", "791", "loops"]
+    assert cells == ["✓ p001", "sine 50 mm, 1 Hz, 0.5\u00a0A", "-812", "791", "loops"]
     page.evaluate("(() => { deselect_all(); const s = { ...state, ended: { ...state.ended, stopped_by: 'operator' } };"
                   " take({ ...s, type: 'state' }); })()")  # fmt: skip
     page.wait_for_function("rigPage.recorded && rigPage.recorded.id === 'p002'", timeout=WAIT_MS)
