@@ -20,7 +20,8 @@ from rig.matrix.motion_size import SPEED, STROKE, Amplitude, Frequency, PeakSpee
 from rig.matrix.record_file import read_record
 from rig.matrix.sections import CoilCurrent, Identifier, OneMotion, RampCycles, WaveformName
 from rig.matrix.signal_tables import Name, Ramp
-from rig.signals.program_cycles import RepeatedProgram
+from rig.signals.arrays import FloatArray
+from rig.signals.program_cycles import SETTLED_S, RepeatedProgram
 from rig.signals.program_limits import MOST_STEPS
 from rig.signals.record import LONGEST_S, NoRecord, record_of, through_rows
 from rig.signals.repeated_record import (
@@ -305,6 +306,31 @@ class Endurance(OneMotion):
                 f"{self.block} cycles contain more than {MOST_STEPS - 1} steps of the current program. Fix: block = "
                 f"{most}"
             )
+        yield from self._comparison_problems()
+
+    @property
+    def _fewest_held(self) -> int:
+        """Cycles for which a current must be held so that it is constant in one of them, wherever the steps are."""
+        return 3 + math.ceil(SETTLED_S * self.cycle_Hz)
+
+    def _comparison_problems(self) -> Iterator[Problem]:
+        """Rules that compare cycles, with a program of which no two cycles can be compared."""
+        program, position = self.program, None if self._cycle is None else self._cycle.at
+        if position is None and self.waveform == SINE.name:
+            position = self._sine
+        if program is None or program.held or (position is not None and program.steps_while_slow(position)):
+            return
+        for rule in self.stop.rules:
+            if rule.kind.relative:
+                yield ("stop", rule.name), (
+                    "the current changes during or next to every cycle of the program while the rod moves fast, so "
+                    "that a delay of a few milliseconds looks like wear. Fix: hold each current for at least "
+                    f"{self._fewest_held} cycles, or remove {rule.name}"
+                )
+
+    def _sine(self, time_s: FloatArray) -> FloatArray:
+        """Position (n,) of a sine of amplitude 1 at times (s) since the start of a cycle."""
+        return np.sin(math.tau * self.cycle_Hz * time_s)
 
     @property
     def program(self) -> RepeatedProgram | None:
@@ -357,12 +383,11 @@ class Endurance(OneMotion):
                 f"the interlocks of the bench act within a block. Fix: block = {fits}"
             )
         program = self.program
-        if self.stop.rules and program is not None and program.cycles > 1 and np.unique(program.groups).size == (
-            program.cycles
-        ):
+        if self.stop.rules and program is not None and program.unwatched_A.size:
+            levels = ", ".join(f"{level_A:g} A" for level_A in program.unwatched_A)
             yield (
-                f"endurance test {name}: the current changes during or next to every cycle of the program, so that "
-                "stop rules compare cycles with a changing current. Fix: hold each current for at least 3 cycles"
+                f"endurance test {name}: stop rules do not use the cycles at {levels}, because no cycle has this "
+                f"constant current. Fix: hold each current for at least {self._fewest_held} cycles"
             )
 
     @property

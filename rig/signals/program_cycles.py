@@ -8,7 +8,7 @@ changes depends on some milliseconds of the start.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,10 @@ PROGRAM_CYCLE = "program_cycle"
 """Name of the statistic that states the place of a cycle in the program, from 1."""
 UNCERTAIN_S = 0.02
 """A step may come so much earlier or later in the motion than commanded: start of the motion, and status of the ECU."""
+SLOW_SHARE = 0.3
+"""Of the peak speed of a cycle."""
+SETTLED_S = 0.2
+"""Until then after a step, current and force of a usual coil still change, so that a cycle depends on when it began."""
 MOST_SHIFT = 2
 """Cycles by which the first cycle that was recognised may be later than the first cycle of the program."""
 
@@ -83,22 +87,53 @@ class RepeatedProgram:
         return np.diff(np.interp(edges_s, np.append(self.time_s, self.period_s), charge)) * self.frequency_Hz
 
     @property
+    def _changes_s(self) -> FloatArray:
+        """When the current changes (s since the start of the program)."""
+        changed = np.append(self.current_A[0] != self.current_A[-1], np.diff(self.current_A) != 0.0)
+        return np.asarray(self.time_s)[changed]
+
+    @property
     def groups(self) -> IntArray:
         """Group of each cycle of the program (cycles,): cycles with the same current; -1: the current changes.
 
-        In a program without a cycle at constant current each of its cycles is a group.
+        In a program without a cycle at constant current each of its cycles is a group; see `steps_while_slow`.
         """
-        time_s, current_A = np.asarray(self.time_s), np.asarray(self.current_A)
-        changes_s = time_s[np.flatnonzero(np.append(current_A[0] != current_A[-1], np.diff(current_A) != 0.0))]
+        time_s, current_A, changes_s = np.asarray(self.time_s), np.asarray(self.current_A), self._changes_s
         begins_s = np.arange(self.cycles) / self.frequency_Hz
         near = np.zeros(self.cycles, bool)
         for at_s in np.append(changes_s, changes_s + self.period_s):
-            near |= (at_s > begins_s - UNCERTAIN_S) & (at_s < begins_s + 1.0 / self.frequency_Hz + UNCERTAIN_S)
+            near |= (at_s > begins_s - SETTLED_S) & (at_s < begins_s + 1.0 / self.frequency_Hz + UNCERTAIN_S)
         if np.all(near):
             return np.arange(self.cycles)
         held = np.searchsorted(time_s, begins_s + 0.5 / self.frequency_Hz, side="right") - 1
         levels = np.unique(current_A)
         return np.where(near, -1, np.searchsorted(levels, current_A[held])).astype(np.int64)
+
+    @property
+    def held(self) -> bool:
+        """Whether a cycle of the program has a constant current, so that `groups` are of equal currents."""
+        return self.cycles > np.unique(self.groups).size or bool(np.any(self.groups < 0))
+
+    @property
+    def unwatched_A(self) -> FloatArray:
+        """Currents (k,) that no group has, although other currents have one."""
+        levels = np.unique(self.current_A)
+        return levels[~np.isin(np.arange(levels.size), self.groups)] if self.held else levels[:0]
+
+    def steps_while_slow(self, position: Callable[[FloatArray], FloatArray]) -> bool:
+        """Whether the rod is so slow at every step that some milliseconds change neither peaks nor energy of a cycle.
+
+        Cycles during which the current changes can then be compared with the same cycle of other repetitions.
+
+        Args:
+            position: position (n,) at times (n,), s since the start of a cycle of the motion, of either sign.
+        """
+        tick_s = UNCERTAIN_S / 20.0
+        fastest = np.max(np.abs(np.diff(position(np.arange(0.0, 1.0 / self.frequency_Hz + tick_s, tick_s)))))
+        near_s = np.arange(-UNCERTAIN_S, UNCERTAIN_S + 0.5 * tick_s, tick_s)
+        return all(
+            np.max(np.abs(np.diff(position(at_s + near_s)))) <= SLOW_SHARE * fastest for at_s in self._changes_s
+        )
 
     def places(self, numbers: IntArray, current_A: FloatArray) -> FloatArray:
         """Cycle of the program, from 1, of each cycle of a motion (k,).

@@ -59,6 +59,10 @@ FARTHER_M, FASTER_SHARE, FASTER_M_S, STRONGER_SHARE, MORE_A, HOTTER_K = 1e-3, 0.
 """Beside the limits: the station's own allowances of 10 % of the speed and 0.15 A, and its sensors' noise."""
 OTHER_CURRENT_A, OTHER_CURRENT_SHARE, OTHER_CURRENT_S = 0.06, 0.06, 0.25
 """The station's tolerance of the current and its sensor's noise, and for how long it may be otherwise in a point."""
+BEGINS_WITHIN_S, BEGINS_M_S = 5.0, 3e-3
+"""A motion begins so soon after its recording, and the rod is then faster than that."""
+SETTLED_S, EARLY_S = 0.25, 0.05
+"""A step of a current program has settled after the first; a movement is noticed later than it began by the second."""
 
 
 def violations(scenario: Scenario) -> Iterator[tuple[str, str, float]]:
@@ -316,41 +320,79 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
 
 
 def valid_is_measured_with_the_requested_current(view: View) -> Findings:
-    """The coil of a valid point truly had the current that was wanted, from its first judged instant to its last."""
+    """The coil of a valid point truly had the current that was requested, or in turn those of its current program."""
     began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
     for line in view.lines:
         if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
             continue
-        bounds_ns, target_A = _measured_ns(view, line), float(line["current_A"])
-        if bounds_ns is None:
+        point = _recorded(view, line)
+        zero_ns = None if point is None else _zero_ns(point)
+        if point is None or zero_ns is None:
             continue
-        rows = view.between(*bounds_ns)
-        allowed_A = OTHER_CURRENT_A + OTHER_CURRENT_SHARE * abs(target_A)
-        other = rows[np.abs(rows[:, 2] - target_A) > allowed_A]
+        if point.current_programmed:
+            rows, low_A, high_A = programmed_current(view, point, zero_ns)
+            wanted = f"{min(point.steps_A):g} to {max(point.steps_A):g} A"
+        else:
+            rows, low_A, high_A = _constant(view, line, zero_ns)
+            wanted = f"{line['current_A']:g} A"
+        allowed_A = OTHER_CURRENT_A + OTHER_CURRENT_SHARE * np.maximum(np.abs(low_A), np.abs(high_A))
+        other = rows[(rows[:, 2] < low_A - allowed_A) | (rows[:, 2] > high_A + allowed_A)]
         if len(other) > OTHER_CURRENT_S / EVERY_S:
             other_s = EVERY_S * len(other)
-            words = f"valid at {target_A:g} A, although the current was {other[0, 2]:.3g} A for {other_s:.2f} s"
+            words = f"valid at {wanted}, although the current was {other[0, 2]:.3g} A for {other_s:.2f} s"
             yield f"{line['id']}: {words}", other[0, 0]
 
 
-def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None:
-    """Between which instants (ns) a point was measured at one current, by the stamps in its file; None if unknown."""
+def _recorded(view: View, line: dict[str, Any]) -> RecordedPoint | None:
+    """The point that a line reports as finished; None where it cannot be read, which another check reports."""
     if view.scenario.folder is None:
         return None
     try:
-        point = read_once(description, CampaignFolder(view.scenario.folder).points / Path(str(line["file"])).name)
+        return read_once(description, CampaignFolder(view.scenario.folder).points / Path(str(line["file"])).name)
     except (OSError, FileProblem):
-        return None  # reported by another check
-    if point.current_programmed:
         return None
-    quality, stamps = line.get("quality") or {}, point.raw("displacement")
-    names = "signal_judged" if quality.get("signal_judged_start_s") is not None else "cycles"
-    start_s, end_s = (quality.get(f"{names}_{end}_s") for end in ("start", "end"))
-    if stamps is None or start_s is None or end_s is None or "time" not in stamps:
+
+
+def _zero_ns(point: RecordedPoint) -> float | None:
+    """When the time of a file was zero (ns of the host), by the stamps in it; None where it has none."""
+    stamps = point.raw("displacement")
+    if stamps is None or "time" not in stamps:
         return None
     # The stamps are of the arrival: a whole record of them tells when its own time was zero, to some milliseconds.
-    zero_ns = float(np.median(stamps["host_ns"] - 1e9 * stamps["time"]))
-    return zero_ns + 1e9 * start_s, zero_ns + 1e9 * end_s
+    return float(np.median(stamps["host_ns"] - 1e9 * stamps["time"]))
+
+
+Requested = tuple[np.ndarray[Any, np.dtype[np.float64]], np.ndarray[Any, np.dtype[np.float64]],
+    np.ndarray[Any, np.dtype[np.float64]]]
+"""Rows of the truth (n, 7) while a point was measured, and the lowest and highest current requested at each, (n,) A."""
+
+
+def _constant(view: View, line: dict[str, Any], zero_ns: float) -> Requested:
+    """Of a point with one current, from its first judged instant to its last."""
+    quality = line.get("quality") or {}
+    names = "signal_judged" if quality.get("signal_judged_start_s") is not None else "cycles"
+    start_s, end_s = (quality.get(f"{names}_{end}_s") for end in ("start", "end"))
+    known = start_s is not None and end_s is not None
+    rows = view.between(zero_ns + 1e9 * start_s, zero_ns + 1e9 * end_s) if known else view.between(zero_ns, zero_ns)
+    level_A = np.full(len(rows), float(line["current_A"]))
+    return rows, level_A, level_A
+
+
+def programmed_current(view: View, point: RecordedPoint, zero_ns: float) -> Requested:
+    """Of a point with a current program, from the rod's first movement to the end of the motion."""
+    rows = view.between(zero_ns, zero_ns + 1e9 * (BEGINS_WITHIN_S + point.motion_s))
+    moving = np.flatnonzero(np.abs(rows[:, 1]) > BEGINS_M_S)
+    rows = rows[moving[0] : moving[-1]] if len(moving) else rows[:0]
+    since_s = 1e-9 * (rows[:, 0] - rows[:1, 0])
+    at_s, levels_A = (np.asarray(column) for column in zip(*point.steps_in_motion, strict=True))
+    rows, since_s = rows[since_s < point.motion_s], since_s[since_s < point.motion_s]
+    first = np.maximum(0, np.searchsorted(at_s, since_s - SETTLED_S, side="right") - 1)
+    last = np.maximum(0, np.searchsorted(at_s, since_s + EARLY_S, side="right") - 1)
+    low_A, high_A = levels_A[first], levels_A[first]
+    for step in range(1, int(np.max(last - first, initial=0)) + 1):
+        meanwhile_A = levels_A[np.minimum(first + step, last)]
+        low_A, high_A = np.minimum(low_A, meanwhile_A), np.maximum(high_A, meanwhile_A)
+    return rows, low_A, high_A
 
 
 CHECKS: dict[str, Callable[[View], Findings]] = {

@@ -1,4 +1,4 @@
-"""An endurance test whose application is killed within a block: every cycle is run and counted once."""
+"""An endurance test that is killed or stopped within a block: every cycle is run and counted once."""
 
 from __future__ import annotations
 
@@ -55,3 +55,33 @@ def test_a_killed_block_goes_on_with_the_cycles_that_are_left(
     files = sorted(tmp_path.rglob("points/wear-b*.h5"))
     numbers = np.concatenate([columns["number"] for file in files if (columns := read_cycles(file)) is not None])
     assert sorted(numbers.tolist()) == list(range(1, 21))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("event", "slug", "column", "limit"),
+    [
+        ("ecu-overtemp:coil@3.5+2", "coil-temperature", 6, 120.0),
+        ("load-train:jammed@3.5+2", "force-limit", 4, 5000.0),
+        ("second-master:offset@3.5+2", "stroke-limit", 3, 0.085),
+    ],
+)
+def test_a_limit_stops_a_block_in_progress_which_then_continues_with_resume(
+    tmp_path: Path, event: str, slug: str, column: int, limit: float
+) -> None:
+    """The interlocks act in the block: S2, 0 A, no pressure, exit code 4. Despite retries, the operator resumes."""
+    matrix = matrix_text("0.5 A", amplitude="10 mm", frequency="4 Hz", more="[campaign]\nretries = 2") + ENDURANCE
+    scenario, ended = live(ScenarioPlan(1, matrix, (FaultEvent.parse(event),)), tmp_path)
+    assert ended.failed == ()
+    assert ended.sessions == (4, 0)
+    first, last = scenario.sessions
+    assert first.answer.stop.slug == slug
+    assert (first.answer.stop.unfinished, first.answer.stop.current_zero, first.answer.stop.pressure_off) == (
+        "wear-b1", True, True,
+    )
+    rows = first.truth.arrays
+    beyond_ns = rows[np.abs(rows[:, column]) > limit, 0][0]
+    trips = [line for line in scenario.journal if line.get("event") == "station" and line.get("what") == "trip"]
+    assert 0.0 <= trips[0]["latched_ns"] - beyond_ns < 0.11e9
+    (counted,) = last.answer.endurance
+    assert (counted["cycles_run"], counted["pieces"], counted["cycles_unrecorded_at_most"]) == (20, 3, 0)

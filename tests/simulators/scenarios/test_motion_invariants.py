@@ -1,4 +1,4 @@
-"""The checks of the rod's motion on histories made by hand: what must be found, and what a healthy machine does."""
+"""The checks of the rod's motion and of the coil's current on synthetic histories, faulty and healthy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,8 +15,10 @@ from matrices import matrix_text
 from numpy.typing import NDArray
 
 from rig.bench.model import Bench
+from rig.recording.recorded_point import RecordedPoint
+from simulators.scenarios.invariants import programmed_current
 from simulators.scenarios.motion_invariants import MOTION_CHECKS, Motion
-from simulators.scenarios.scenario import Noted
+from simulators.scenarios.scenario import EVERY_S, Noted
 from simulators.scenarios.stop_invariants import STOP_CHECKS
 from simulators.scenarios.view import View
 
@@ -231,3 +233,29 @@ def test_a_users_own_streamed_map_says_for_how_long_the_drive_goes_on() -> None:
     own = EXAMPLES.parent / "tests" / "simulators" / "maps" / "single-bits.toml"
     bench = bench.model_copy(update={"actuator": replace(bench.actuator, register_map=str(own))})
     assert Motion(bench, ()).goes_on_s == bench.actuator.poll_s
+
+
+class _Truth:
+    """Rows of a rod that moves from 1 s to 5 s, with these currents (A) in turn, each for 1 s."""
+
+    def __init__(self, *levels_A: float) -> None:
+        time_s = np.arange(0.0, 6.0, EVERY_S)
+        self.rows = np.zeros((time_s.size, 7))
+        self.rows[:, 0] = 1e9 * time_s
+        self.rows[:, 1] = np.where((time_s >= 1.0) & (time_s < 5.0), 0.1, 0.0)
+        self.rows[:, 2] = np.asarray(levels_A)[np.clip(time_s - 1.0, 0.0, 3.0).astype(int)]
+
+    def between(self, from_ns: float, to_ns: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return self.rows[(self.rows[:, 0] >= from_ns) & (self.rows[:, 0] < to_ns)]
+
+
+@pytest.mark.parametrize(
+    ("levels_A", "other_s"),
+    [((0.2, 1.0, 0.2, 1.0), 0.0), ((0.2, 0.2, 0.2, 1.0), 0.75), ((1.0, 0.2, 1.0, 0.2), 3.15)],
+)
+def test_a_current_program_is_checked_step_by_step(levels_A: tuple[float, ...], other_s: float) -> None:
+    """As commanded; one step missing; in the wrong order."""
+    point = SimpleNamespace(motion_s=4.0, steps_in_motion=((0.0, 0.2), (1.0, 1.0), (2.0, 0.2), (3.0, 1.0)))
+    rows, low_A, high_A = programmed_current(cast("View", _Truth(*levels_A)), cast("RecordedPoint", point), 0.5e9)
+    other = (rows[:, 2] < low_A - 0.1) | (rows[:, 2] > high_A + 0.1)
+    assert EVERY_S * np.count_nonzero(other) == pytest.approx(other_s, abs=0.06)
