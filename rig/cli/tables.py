@@ -102,12 +102,13 @@ def verdict_blocks(plan: Plan) -> Blocks:
 
 def _causes(items: Sequence[PlannedPoint]) -> Blocks:
     """A line for each cause: its points, and its reason; where that has other numbers at each point, the worst one."""
-    blamed: dict[str, list[tuple[str, Reason]]] = {}
+    blamed: dict[tuple[str, int], list[tuple[str, Reason]]] = {}
     for item in items:
-        for cause in item.causes:
-            blamed.setdefault(cause.slug, []).append((item.point.id, cause))
+        for number, cause in enumerate(item.causes):  # a point may have two causes with the same slug
+            before = sum(other.slug == cause.slug for other in item.causes[:number])
+            blamed.setdefault((cause.slug, before), []).append((item.point.id, cause))
     lines, order = list[Block](), [item.point.id for item in items]
-    for slug, members in blamed.items():
+    for (slug, _), members in blamed.items():
         name, worst = max(members, key=lambda one: one[1].excess)
         alike = len({cause.text for _, cause in members}) == 1
         at = "" if len(members) == 1 or alike else f"worst point {name}: "
@@ -170,7 +171,7 @@ def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
         groups.setdefault(tuple(cause.slug for cause in item.causes), []).append(item)
     shown, blocks = 0, list[Block]()
     for slugs, members in groups.items():
-        verdict = f"outside limits ({', '.join(slugs)})" if slugs else "within limits"
+        verdict = f"outside limits ({', '.join(dict.fromkeys(slugs))})" if slugs else "within limits"
         count = f"{len(members)} point{'s' if len(members) > 1 else ''}"
         few = len(members) <= FIRST + LAST + 1
         rows = members if few else [*members[:FIRST], *members[-LAST:]]

@@ -393,19 +393,24 @@ class Endurance(OneMotion):
     @property
     def stretches(self) -> tuple[int, ...]:
         """Cycles between performance points, in order."""
-        every = self.performance_every or self.cycles
-        whole, left = divmod(self.cycles, every)
-        return (*[every] * whole, *([left] if left else []))
+        whole, left = divmod(self.cycles, self._every)
+        return (*[self._every] * whole, *([left] if left else []))
+
+    @property
+    def _every(self) -> int:
+        """Cycles between performance points."""
+        return self.performance_every or self.cycles
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
-        return sum(math.ceil(stretch / self.most_in_a_block) for stretch in self.stretches)
+        """Number of blocks; computed without `stretches`, of which a wrong entry makes millions."""
+        (whole, left), most = divmod(self.cycles, self._every), self.most_in_a_block
+        return whole * math.ceil(self._every / most) + math.ceil(left / most)
 
     @property
     def rounds(self) -> int:
         """How often the points of the matrix are repeated."""
-        return len(self.stretches)
+        return math.ceil(self.cycles / self._every)
 
     def points(self, name: str, performance: tuple[TestPoint, ...], centre_m: float) -> list[TestPoint]:
         """The blocks with the performance points between them.

@@ -17,6 +17,7 @@ from rig.cli.tables import PlanText, energy
 from rig.display import Display
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 from rig.jobs.time_left import duration
+from rig.matrix.feasibility import Reason
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
 
@@ -222,3 +223,11 @@ def test_what_a_run_refuses_before_connecting_the_plan_refuses_too(
     arguments = ["plan", str(tmp_path / "m.toml"), "--bench", str(tmp_path / "b.toml"), "--json"]
     assert main(arguments) == EXIT_REFUSED
     assert json.loads(capsys.readouterr().out)["slug"] == slug
+
+
+def test_two_causes_of_one_kind_at_a_point_have_a_line_each() -> None:
+    causes = (Reason("sampling", "20 set-points", 2.0), Reason("sampling", "25 samples", 1.0))
+    points = tuple(replace(item, causes=causes) for item in REFUSED.points)
+    text = words(str(PlanText(replace(REFUSED, points=points))))
+    assert "sampling (20 points, p001 to p020): 20 set-points" in text
+    assert "sampling (20 points, p001 to p020): 25 samples" in text

@@ -101,6 +101,7 @@ def test_endurance_alone_is_no_fit(tmp_path: Path) -> None:
         (("[endurance.stop]", 'waveform = "triangle"\n[endurance.stop]\nfriction_up = "20 %"'), "cannot be separated"),
         (('force_down = "20 %"', 'forcedown = "20 %"'), "force_down"),
         (("cycles = 1000\nblock = 150\nperformance_every = 400", "cycles = 10000000\nblock = 10"), "longer blocks"),
+        (("1000\nblock = 150\nperformance_every = 400", "100000000\nperformance_every = 10"), "10000000 blocks and"),
     ],
 )
 def test_a_wrong_entry_is_named(tmp_path: Path, change: tuple[str, str], expected: str) -> None:
