@@ -22,6 +22,8 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.program_cycles import PROGRAM_CYCLE
 from rig.signals.wear_trend import (
+    FEWEST_CYCLES,
+    NO_SECTIONS,
     QUANTITIES,
     Forecast,
     Sections,
@@ -53,7 +55,7 @@ class BlockPiece:
         recorded: those with statistics.
         unseen: cycles that can have been run at most after the recording was cut off.
         verdict: of the file.
-        sections: of its cycles.
+        sections: of its cycles; none of a piece of a block with too few cycles to be compared.
         file: its name.
     """
 
@@ -93,10 +95,12 @@ def piece_of(recorded: RecordedPoint, file: Path) -> BlockPiece | None:
     groups = None if program is None else program.groups_of(
         np.asarray(columns.get(PROGRAM_CYCLE, nothing), np.float64)
     )
+    # A short remainder of an interrupted block runs on a damper that has cooled: its median ends no test.
+    judged = numbers.size >= min(FEWEST_CYCLES, step.block_cycles)
     return BlockPiece(
         str(recorded.provenance.get("point", recorded.id)), step, counted.cycles_run or 0,
         counted.cycles_recorded or 0, counted.unseen_cycles or 0, recorded.verdict,
-        sections_of(numbers, step.block, statistics, groups), file.name,
+        sections_of(numbers, step.block, statistics, groups) if judged else NO_SECTIONS, file.name,
     )
 
 

@@ -145,6 +145,15 @@ def test_a_torn_journal_counts_what_it_holds_and_states_what_may_be_missing(tmp_
     assert RecordedPoint.open(file).time_s[-1] > 12.0 / RIG.frequency_Hz  # the last seconds are kept
 
 
+@pytest.mark.parametrize(("block_cycles", "sections"), [(CYCLES, 0), (4, 1)])
+def test_a_short_piece_of_a_block_is_counted_but_not_compared(tmp_path: Path, block_cycles: int, sections: int) -> None:
+    """4 cycles: of an interrupted block, after which the damper had cooled; or of a test whose blocks are as short."""
+    step = STEP._replace(block_cycles=block_cycles)
+    piece = read_piece(block(tmp_path / "points", step=step, until_s=5.4 / RIG.frequency_Hz, ended=False))
+    assert piece is not None
+    assert (piece.recorded, len(piece.sections)) == (4, sections)
+
+
 def test_a_stopped_block_is_recorded_to_its_end(tmp_path: Path) -> None:
     file = block(tmp_path / "points", stopped_by="ecu-silent", cycles=CYCLES + 50)
     piece = read_piece(file)
