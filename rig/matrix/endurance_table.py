@@ -31,6 +31,7 @@ from rig.signals.repeated_record import (
     common_periods,
     most_cycles,
     repeated_record,
+    simple_ratio,
 )
 from rig.signals.waveform import SIGNAL_NAMES, SINE, SINE_ON_SINE, waveform_named
 from rig.signals.wear_trend import StopRule
@@ -218,17 +219,18 @@ class Endurance(OneMotion):
         if self.waveform != SINE.name:
             raise NoRecord(f'sines can be added only to a sine, not to a {self.waveform}. Fix: waveform = "sine"')
         base_m, base_Hz = self.motion
-        for sine in self.add:
-            if sine.frequency_Hz == base_Hz:
-                raise NoRecord(f"{base_Hz:.4g} Hz is the frequency of the base sine. Fix: another frequency")
+        for place, sine in enumerate(self.add):
+            if sine.frequency_Hz in {base_Hz, *(other.frequency_Hz for other in self.add[:place])}:
+                which = "the base sine" if sine.frequency_Hz == base_Hz else "another added sine"
+                raise NoRecord(f"{sine.frequency_Hz:.4g} Hz is the frequency of {which}. Fix: another frequency")
         periods = common_periods((base_Hz, *(sine.frequency_Hz for sine in self.add)))
         ramp_s = max(self.ramp_in_cycles, self.ramp_out_cycles) / base_Hz
         longest_s = LONGEST_S - 2.0 * ramp_s
         if periods is None or periods / base_Hz > longest_s:
-            fits = ", ".join(f"{max(1, round(sine.frequency_Hz / base_Hz)) * base_Hz:.6g} Hz" for sine in self.add)
+            fits = ", ".join(f"{simple_ratio(sine.frequency_Hz / base_Hz) * base_Hz:.9g} Hz" for sine in self.add)
             raise NoRecord(
                 f"the sum of the sines does not repeat within {longest_s:.4g} s; its cycles cannot be compared. "
-                f"Fix: multiples of {base_Hz:.6g} Hz, for example {fits}"
+                f"Fix: simple ratios to {base_Hz:.6g} Hz, for example {fits}"
             )
         sines = ((base_m, base_Hz), *((sine.amplitude_m, sine.frequency_Hz) for sine in self.add))
         return SineSum(sines, periods, ramp_s)

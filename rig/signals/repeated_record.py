@@ -21,6 +21,8 @@ from rig.signals.record import LONGEST_S, STEP_S, NoRecord, Record, with_faded_e
 LARGEST_RATIO = 1000
 """Frequencies whose ratio needs larger whole numbers have no common period that a test could use."""
 RATIO_TOLERANCE = 1e-9
+SIMPLE = 4
+"""Largest denominator of a ratio that is proposed."""
 
 
 class Cycle(Protocol):
@@ -103,6 +105,17 @@ def common_periods(frequencies_Hz: tuple[float, ...]) -> int | None:
             return None
         periods = math.lcm(periods, ratio.denominator)
     return periods if periods <= LARGEST_RATIO else None
+
+
+def simple_ratio(ratio: float) -> float:
+    """A ratio of frequencies near another one, but not 1; several of them have a short common period.
+
+    Args:
+        ratio: positive.
+    """
+    below = 2.0 ** round(math.log2(ratio))
+    near = float(Fraction(ratio).limit_denominator(SIMPLE)) if ratio > 1.0 / SIMPLE else below
+    return near if near != 1.0 else 1.5 if ratio > 1.0 else 0.5
 
 
 @dataclass(frozen=True)

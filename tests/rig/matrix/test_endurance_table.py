@@ -269,7 +269,11 @@ def test_only_an_actuator_with_set_points_repeats_a_record(tmp_path: Path) -> No
     ("change", "expected"),
     [
         (('"10 Hz" }', '"4 Hz" }'), "is the frequency of the base sine"),
-        (('"10 Hz" }', '"9.8696044 Hz" }'), "does not repeat within"),
+        (('"10 Hz" }', '"9.8696044 Hz" }'), "does not repeat within 599.5 s; its cycles cannot be compared. Fix: "
+            "simple ratios to 4 Hz, for example 10 Hz"),
+        (('"10 Hz" }', '"4.001 Hz" }'), "for example 6 Hz"),
+        (('"10 Hz" }', '"0.3141592 Hz" }'), "for example 0.25 Hz"),
+        (('"10 Hz" }', '"9 Hz" }, { amplitude = "2 mm", frequency = "9 Hz" }'), "the frequency of another added sine"),
         (("cycles = 1000", 'waveform = "triangle"\ncycles = 1000'), "only to a sine, not to a triangle"),
         (("cycles = 1000", 'ramp = "1 s"\ncycles = 1000'), "applies only with file"),
         (("block = 150", "block = 5000"), "Fix: block = 1199"),
