@@ -332,7 +332,7 @@ class Endurance(OneMotion):
 
     def _sine(self, time_s: FloatArray) -> FloatArray:
         """Position (n,) of a sine of amplitude 1 at times (s) since the start of a cycle."""
-        return np.sin(math.tau * self.cycle_Hz * time_s)
+        return np.asarray(np.sin(math.tau * self.cycle_Hz * time_s), np.float64)
 
     @property
     def program(self) -> RepeatedProgram | None:

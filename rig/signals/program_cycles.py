@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.signals.arrays import FloatArray, IntArray
+from rig.signals.arrays import BoolArray, FloatArray, IntArray
 
 PROGRAM_CYCLE = "program_cycle"
 """Name of the statistic that states the place of a cycle in the program, from 1."""
@@ -90,7 +90,8 @@ class RepeatedProgram:
     def _changes_s(self) -> FloatArray:
         """When the current changes (s since the start of the program)."""
         changed = np.append(self.current_A[0] != self.current_A[-1], np.diff(self.current_A) != 0.0)
-        return np.asarray(self.time_s)[changed]
+        changes_s: FloatArray = np.asarray(self.time_s, np.float64)[changed]
+        return changes_s
 
     @property
     def groups(self) -> IntArray:
@@ -118,7 +119,9 @@ class RepeatedProgram:
     def unwatched_A(self) -> FloatArray:
         """Currents (k,) that no group has, although other currents have one."""
         levels = np.unique(self.current_A)
-        return levels[~np.isin(np.arange(levels.size), self.groups)] if self.held else levels[:0]
+        used: BoolArray = np.isin(np.arange(levels.size), self.groups) | (not self.held)
+        unwatched_A: FloatArray = levels[~used]
+        return unwatched_A
 
     def steps_while_slow(self, position: Callable[[FloatArray], FloatArray]) -> bool:
         """Whether the rod is so slow at every step that some milliseconds change neither peaks nor energy of a cycle.

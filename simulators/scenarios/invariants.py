@@ -372,8 +372,9 @@ def _constant(view: View, line: dict[str, Any], zero_ns: float) -> Requested:
     quality = line.get("quality") or {}
     names = "signal_judged" if quality.get("signal_judged_start_s") is not None else "cycles"
     start_s, end_s = (quality.get(f"{names}_{end}_s") for end in ("start", "end"))
-    known = start_s is not None and end_s is not None
-    rows = view.between(zero_ns + 1e9 * start_s, zero_ns + 1e9 * end_s) if known else view.between(zero_ns, zero_ns)
+    if start_s is None or end_s is None:
+        start_s = end_s = 0.0
+    rows = view.between(zero_ns + 1e9 * start_s, zero_ns + 1e9 * end_s)
     level_A = np.full(len(rows), float(line["current_A"]))
     return rows, level_A, level_A
 

@@ -102,6 +102,9 @@ class PointRecording:
             journal = recorder.end(stopped_by=None if action.fault is None else action.fault.slug)
         except Exception as error:
             self.give_up(action.point, cause_of(error))
+            if action.point.kind == ENDURANCE:
+                self._count(action.point, None)  # the rod has moved; what the journal holds is counted after a resume
+                del self.counted[action.point.id]
             raise
         self.handed_in[journal.id] = action.point
         self.finaliser.submit(journal)

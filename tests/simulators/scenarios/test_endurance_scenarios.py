@@ -58,6 +58,19 @@ def test_a_killed_block_goes_on_with_the_cycles_that_are_left(
 
 
 @pytest.mark.nightly
+def test_a_disk_that_fills_up_within_a_block_leaves_no_cycle_unmentioned(tmp_path: Path) -> None:
+    """Until the run is resumed, the cycles of the block count as run without a record."""
+    matrix = matrix_text("0.5 A", amplitude="10 mm", frequency="4 Hz") + ENDURANCE
+    scenario, ended = live(ScenarioPlan(1, matrix, (FaultEvent.parse("disk-full@6+3"),)), tmp_path)
+    assert ended.failed == ()
+    assert ended.sessions == (4, 0)
+    first, last = (session.answer.endurance[0] for session in scenario.sessions)
+    assert (first["cycles_run"], first["cycles_unrecorded_at_most"]) == (0, 10)
+    assert (last["cycles_run"], last["cycles_recorded"], last["pieces"]) == (20, 20, 3)
+    assert 0 < last["cycles_unrecorded_at_most"] <= 10
+
+
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("event", "slug", "column", "limit"),
     [
