@@ -29,8 +29,8 @@ def check_memory(file: Path, needed_bytes: int, fix: str) -> None:
     available_bytes = min(_available(), default=needed_bytes)
     if needed_bytes > available_bytes:
         raise FileProblem(str(file), [
-            f"reading this file requires about {needed_bytes / 1e9:.2g} GB of memory, but only "
-            f"{max(0, available_bytes) / 1e9:.2g} GB are available. Fix: {fix}, close other programs, or use a "
+            f"reading this file requires about {needed_bytes / 1e9:.3g} GB of memory, but only "
+            f"{max(0, available_bytes) / 1e9:.3g} GB are available. Fix: {fix}, close other programs, or use a "
             "computer with more memory"
         ])  # fmt: skip
 

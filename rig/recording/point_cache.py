@@ -3,7 +3,7 @@
 Only the point's file is authoritative. An entry is used if it is undamaged and was made from the same file content,
 with the same code and settings; otherwise it is replaced. An unwritable cache, such as that of a read-only run, is not
 an error, and the folder may be deleted at any time. Symbolic links are not followed. A point whose arrays were changed
-in memory is not cached.
+in memory is not cached. A damaged entry is reported once for each folder.
 
 Format of an entry: `KIND`, SHA-256 of the rest, length of the header (u64, little-endian), header (JSON), consecutive
 arrays. The header contains the key, the values, and the name, type and length of each array.
@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 import stat
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 import rig
 from drivers.posix import O_CLOEXEC, O_NOFOLLOW
 from rig.campaign_folder import CampaignFolder
+from rig.errors import DataWarning
 from rig.recording.atomic_write import inner_folder, write_unflushed
 from rig.recording.recorded_point import RecordedPoint
 
@@ -43,6 +45,9 @@ NOT_IN_THE_KEY = {"path", "arrays"}
 LARGEST_BYTES = 1 << 30
 READ_BYTES = 1 << 22
 NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
+
+_reported: set[Path] = set()
+"""Folders in which damaged entries have been reported."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +91,11 @@ class PointCache:
             if entry is None or not (self._unchanged or _digests(self._point).items() <= entry.as_read.items()):
                 return None
             return entry
-        except (OSError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
+        except (OSError, MemoryError):
             return None  # created again
+        except (ValueError, TypeError, KeyError, RecursionError):
+            _report(folder, self._name)
+            return None
 
     def write(self, entry: Entry) -> None:
         """Store an entry that was computed since this object was created, unless the point's file has changed.
@@ -124,6 +132,15 @@ class PointCache:
         except OSError:
             return ""
         return digest.hexdigest()
+
+
+def _report(folder: Path, name: str) -> None:
+    """Warn of a damaged entry, once for each folder: after a power failure, there may be many."""
+    if folder not in _reported:
+        _reported.add(folder)
+        warnings.warn(f"{folder / name}: this cache entry is damaged; it is ignored and replaced, like any other damaged "
+                      "entry in this folder, and the results are not affected. If this happens again, check the disk",
+                      DataWarning, stacklevel=3)  # fmt: skip
 
 
 def _digests(point: RecordedPoint) -> dict[str, str]:
@@ -200,19 +217,21 @@ def _number(value: object) -> Any:  # noqa: ANN401 - JSON
 
 
 def _unpacked(raw: NDArray[np.uint8], key: str) -> Entry | None:
-    """The entry in a file's content; None if it is damaged or has another key.
+    """The entry in a file's content; None if it is in another format or has another key.
 
     Raises:
-        ValueError: the content is not an entry.
+        ValueError: the content is damaged.
         KeyError: as `ValueError`.
         TypeError: as `ValueError`.
     """
     start = len(KIND) + 32
-    if raw.size < start + 8 or bytes(raw[: len(KIND)]) != KIND:
+    if raw.size >= len(KIND) and bytes(raw[: len(KIND)]) != KIND:
         return None
+    if raw.size < start + 8 or hashlib.sha256(raw.data[start:]).digest() != bytes(raw[len(KIND) : start]):
+        raise ValueError("wrong checksum")
     size = int.from_bytes(bytes(raw[start : start + 8]), "little")
     header = json.loads(bytes(raw[start + 8 : start + 8 + size]))
-    if header["key"] != key or hashlib.sha256(raw.data[start:]).digest() != bytes(raw[len(KIND) : start]):
+    if header["key"] != key:
         return None
     arrays, place = {}, start + 8 + size
     for name, kind, length in header["arrays"]:

@@ -16,6 +16,7 @@ import pytest
 
 import rig.recording.point_cache as point_cache
 from rig.characteristics.summary import characterise
+from rig.errors import DataWarning
 from rig.identification.models.measurement import Measurement
 from rig.identification.points import preparation
 from rig.identification.points.preparation import prepare
@@ -119,12 +120,27 @@ def forged(file: Path) -> None:
     file.write_bytes(b"".join(point_cache._packed(point_cache.Entry({}, {}), key)))
 
 
-@pytest.mark.parametrize("damage", [cut, flipped, emptied, replaced_by_a_pipe, forged])
-def test_a_damaged_entry_is_made_again(run: Path, made: list[str], damage: Callable[[Path], None]) -> None:
+@pytest.mark.parametrize("damage", [replaced_by_a_pipe, forged])
+def test_an_entry_that_holds_something_else_is_made_again(
+    run: Path, made: list[str], damage: Callable[[Path], None]
+) -> None:
     first = prepare(Run.open(run)[0])
     damage(entry(run))
     assert contents(prepare(Run.open(run)[0])) == contents(first)
     assert len(made) == 2
+
+
+@pytest.mark.parametrize("damage", [cut, flipped, emptied])
+def test_a_damaged_entry_is_made_again_and_named_once(
+    run: Path, made: list[str], damage: Callable[[Path], None]
+) -> None:
+    first = prepare(Run.open(run)[0])
+    damage(entry(run))
+    with pytest.warns(DataWarning, match=r"test\.prepared: this cache entry is damaged") as told:
+        assert contents(prepare(Run.open(run)[0])) == contents(first)
+    damage(entry(run))
+    assert contents(prepare(Run.open(run)[0])) == contents(first)
+    assert len(made) == 3 and len(told) == 1
 
 
 def test_an_entry_of_other_code_or_of_another_content_is_made_again(
