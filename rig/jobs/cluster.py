@@ -195,12 +195,27 @@ class Cluster(RemoteWorkers):
 
     def on_each(self, function: Callable[[], T]) -> dict[str, T]:
         """Call a function in each worker process; results by worker address."""
-        values: dict[str, T] = self._client.run(function)
+        values: dict[str, T] = self._run(function)
         return values
 
     def forget(self) -> None:
-        """Delete all shared values on the workers."""
-        self._client.run(forget, list(self._payloads), on_error="ignore")
+        """Delete all shared values on the workers; a lost scheduler does not matter any more."""
+        with suppress(OSError, WorkersFailed):
+            self._run(forget, list(self._payloads), on_error="ignore")
+
+    def _run(self, function: Callable[..., Any], *arguments: object, **options: object) -> dict[str, Any]:
+        """Call a function in worker processes, as `Client.run` does; answers by worker.
+
+        Raises:
+            WorkersFailed: the connection was lost.
+        """
+        try:
+            answers: dict[str, Any] = self._client.run(function, *arguments, **options)
+        except Exception as error:
+            if self._client.status == "running":
+                raise
+            raise WorkersFailed(_lost(self.address)) from error  # Dask raises AttributeError and others then
+        return answers
 
     def _supply(self, missing: Missing) -> None:
         """See `RemoteWorkers._supply`.
@@ -218,12 +233,12 @@ class Cluster(RemoteWorkers):
         """Send a shared value; returns the answer of `_kept` by worker.
 
         A worker that ends meanwhile is replaced by another one, which requests the value.
+
+        Raises:
+            WorkersFailed: the connection was lost.
         """
         with suppress(OSError):
-            answers: dict[str, Any] = self._client.run(
-                _kept, token, self._payloads[token], workers=workers, on_error="return"
-            )
-            return answers
+            return self._run(_kept, token, self._payloads[token], workers=workers, on_error="return")
         return {}
 
     def wait_for_first(self) -> None:
@@ -249,7 +264,7 @@ class Cluster(RemoteWorkers):
             RigError: a worker (named in the message) or the scheduler differs.
         """
         expected = _software() if expected is None else expected
-        answers: dict[str, Any] = self._client.run(_software, on_error="return")
+        answers = self._run(_software, on_error="return")
         for worker, answer in sorted(answers.items()):
             _check_versions(f"worker {worker}", answer, expected)
         try:
@@ -277,7 +292,7 @@ class Cluster(RemoteWorkers):
         Raises:
             RigError: a file differs on a worker.
         """
-        answers: dict[str, Any] = self._client.run(_contents, list(own), on_error="return")
+        answers = self._run(_contents, list(own), on_error="return")
         for worker, answer in sorted(answers.items()):
             if isinstance(answer, BaseException):
                 raise RigError(f"worker {worker}: the files could not be checked: {answer!r}")
@@ -322,6 +337,8 @@ class Cluster(RemoteWorkers):
             )
 
     def _submit(self, job: Job[T]) -> Any:  # noqa: ANN401 - a future of Dask
+        if self._client.status != "running":
+            raise WorkersFailed(_lost(self.address))
         return self._client.submit(
             _call, _software(), job.function, job.arguments, key=f"{job.name}{KEY}{uuid.uuid4().hex}", pure=False
         )

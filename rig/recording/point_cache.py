@@ -138,9 +138,9 @@ def _report(folder: Path, name: str) -> None:
     """Warn of a damaged entry, once for each folder: after a power failure, there may be many."""
     if folder not in _reported:
         _reported.add(folder)
-        warnings.warn(f"{folder / name}: this cache entry is damaged; it is ignored and replaced, like any other damaged "
-                      "entry in this folder, and the results are not affected. If this happens again, check the disk",
-                      DataWarning, stacklevel=3)  # fmt: skip
+        warnings.warn(f"{folder / name}: this cache entry is damaged; it is ignored and replaced, as is every other "
+                      "damaged entry in this folder, and the results are not affected. If this happens again, check "
+                      "the disk", DataWarning, stacklevel=3)  # fmt: skip
 
 
 def _digests(point: RecordedPoint) -> dict[str, str]:

@@ -140,7 +140,8 @@ def test_a_damaged_entry_is_made_again_and_named_once(
         assert contents(prepare(Run.open(run)[0])) == contents(first)
     damage(entry(run))
     assert contents(prepare(Run.open(run)[0])) == contents(first)
-    assert len(made) == 3 and len(told) == 1
+    assert len(made) == 3
+    assert len(told) == 1
 
 
 def test_an_entry_of_other_code_or_of_another_content_is_made_again(

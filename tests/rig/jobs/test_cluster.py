@@ -139,3 +139,23 @@ def test_dask_that_is_not_installed_is_named_with_its_command(monkeypatch: pytes
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(RigError, match=r"Dask: .*pip install 'mr-damper-rig\[cluster\]'"), cluster("a"):
         pass
+
+
+class Lost:
+    """A client of Dask whose scheduler has disappeared between two jobs."""
+
+    status = "connecting"
+
+    def get_executor(self, *, pure: bool) -> None:
+        pass
+
+    def run(self, *_: object, **__: object) -> None:
+        raise AttributeError("'NoneType' object has no attribute 'broadcast'")
+
+
+def test_a_scheduler_that_disappears_between_two_jobs_is_named() -> None:
+    lost = Cluster(Lost(), "tcp://lab:8786")  # type: ignore[arg-type]
+    for call in (lambda: lost.share([1.0]), lambda: lost.on_each(int), lambda: lost._submit(Job("fit", abs, (1,)))):
+        with pytest.raises(WorkersFailed, match="Dask scheduler tcp://lab:8786: connection lost"):
+            call()
+    lost.forget()  # the results are complete by then
