@@ -17,6 +17,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from drivers.errors import DriverError, PortClosed
+from drivers.processes import PREPARED
 from protocols.near_miss import near_names
 
 NETWORK = re.compile(r"(modbus-tcp|socket|tcp|rfc2217)://")
@@ -241,6 +242,8 @@ def command_line(process: int, system: System = SYSTEM) -> str:
     words = [word for word in _text(system.proc / str(process) / "cmdline").split("\0") if word]
     if len(words) > 1 and os.path.basename(words[0]).startswith("python"):
         words = words[1:]
+    if PREPARED in words:
+        words = words[words.index(PREPARED) + 2 :][:1]
     text = " ".join([os.path.basename(word) for word in words[:1]] + words[1:])
     return "".join(sign if sign.isprintable() else "?" for sign in text)[:120] or "unknown"
 

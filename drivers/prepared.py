@@ -1,6 +1,7 @@
 """Programs of this project that have loaded their modules before they are needed, for runs that follow each other.
 
-The other end is `python -m drivers.prepared FD MODULE [TEXT...]`. It imports MODULE, calls its
+The other end is `python -m drivers.prepared FD TITLE MODULE [TEXT...]`. TITLE names the program in messages about the
+process, which has the arguments of its program on no command line. The process imports MODULE, calls its
 `load_in_advance(TEXT...)` if it has one, and waits. Until a message arrives on the socket FD, it has no file, lock or
 device. The message, {"arguments": [...], "replace": [...]}, comes with open descriptors: the first ones replace its own
 descriptors with the numbers in `replace`; the others (locks) stay open for as long as it lives. Then
@@ -19,7 +20,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 
-from drivers.processes import own_program
+from drivers.processes import PREPARED, own_program
 
 LONGEST_MESSAGE = 1 << 16
 MOST_DESCRIPTORS = 64
@@ -33,10 +34,11 @@ class Prepared:
     Args:
         module: the module of the program.
         early: passed to its `load_in_advance`.
+        title: name of the program in messages to users; empty: the module.
     """
 
-    def __init__(self, module: str, early: Sequence[str] = ()) -> None:
-        self._program = (module, *early)
+    def __init__(self, module: str, early: Sequence[str] = (), title: str = "") -> None:
+        self._program = (title or module, module, *early)
         self._waiting: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 
     def prepare(self) -> None:
@@ -47,7 +49,7 @@ class Prepared:
         own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             process = subprocess.Popen(
-                own_program("drivers.prepared", str(other.fileno()), *self._program), stdin=subprocess.PIPE,
+                own_program(PREPARED, str(other.fileno()), *self._program), stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True, pass_fds=(other.fileno(),),
             )
         self._waiting = process, own
@@ -113,4 +115,4 @@ def wait(descriptor: int, module: str, *early: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(wait(int(sys.argv[1]), *sys.argv[2:]))
+    sys.exit(wait(int(sys.argv[1]), *sys.argv[3:]))

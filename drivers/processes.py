@@ -5,6 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+PREPARED = "drivers.prepared"
+"""Module of a process that has loaded its program in advance; its command line names that program: FD TITLE MODULE."""
+
 
 def own_program(module: str, *arguments: str) -> list[str]:
     """The command of one of the project's own programs.

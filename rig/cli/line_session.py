@@ -97,7 +97,7 @@ class LineResult:
         )
         if campaign.stop is not None or campaign.refused:
             reason = f"{campaign.stopped_by}: {campaign.detail}" if campaign.stopped_by else campaign.detail
-        remarks = [text for _, text in ending(campaign)]
+        remarks = [text for _, text in ending(campaign, f"{RETEST} {serial_number}")]
         remarks += [] if job.error is None else [f"not identified: {job.error}"]
         return cls(
             serial_number, verdict, reason, job.exit_code, campaign.campaign, takt_s, campaign.motion_s, tuple(remarks)

@@ -17,8 +17,13 @@ if TYPE_CHECKING:
 UNKNOWN = "THE RIG'S STATE IS UNKNOWN: {not_proved} could not be confirmed. Inspect the rig before continuing."
 
 
-def ending(result: CampaignResult) -> list[tuple[str, str]]:
-    """Lines for the operator, each with its style (of rich); none for a campaign that ran to its end, all valid."""
+def ending(result: CampaignResult, again: str = "") -> list[tuple[str, str]]:
+    """Lines for the operator, each with its style (of rich); none for a campaign that ran to its end, all valid.
+
+    Args:
+        result: of the campaign.
+        again: what the operator types to repeat the test; empty: the command that resumes this campaign.
+    """
     stop = result.stop
     lines: list[tuple[str, str]] = []
     if result.rig_state == RigState.UNKNOWN:
@@ -27,20 +32,21 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
         lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(unproved) or "standstill or 0 A")))
     if result.refused:
         lines.append(("red", f"Refused before motion: {result.stopped_by}: {result.detail}"))
-        lines.append(("", f"Once the cause has been eliminated, continue with: {resume_command(result.campaign)}"))
+        command = again or resume_command(result.campaign)
+        lines.append(("", f"Once the cause has been eliminated, continue with: {command}"))
     elif stop is not None:
-        again = resume_command(result.campaign, stop.resume)
-        text = f"{stopped_by(stop, result.detail)}: {stop.state_text}. {left(stop, result)} Continue with: {again}"
+        command = again or resume_command(result.campaign, stop.resume)
+        text = f"{stopped_by(stop, result.detail)}: {stop.state_text}. {left(stop, result)} Continue with: {command}"
         lines.append(("yellow" if stop.slug in OPERATOR else "red", text))
     elif result.stopped_by is not None:
         lines.append(("red", f"Stopped by {result.stopped_by}: {result.detail}"))
     elif result.valid < result.total:
-        lines += [("yellow", text) for text in _not_valid(result)]
+        lines += [("yellow", text) for text in _not_valid(result, again)]
     lines += [("yellow", f"{finding.slug}: {finding.text}") for finding in result.findings]
     return lines
 
 
-def _not_valid(result: CampaignResult) -> Iterator[str]:
+def _not_valid(result: CampaignResult, again: str) -> Iterator[str]:
     """Points that are not valid: those that can be run again, and blocks of endurance tests, whose cycles were run."""
     final = {test["id"] for test in result.endurance if test["state"] != RUNNING}
     blocks = sum(
@@ -57,7 +63,7 @@ def _not_valid(result: CampaignResult) -> Iterator[str]:
     missing = result.total - result.valid - blocks
     if missing:
         what = "1 point is not valid. Run it" if missing == 1 else f"{missing} points are not valid. Run them"
-        yield f"{what} again with: {resume_command(result.campaign)}"
+        yield f"{what} again with: {again or resume_command(result.campaign)}"
 
 
 def stopped_by(stop: StopReport, detail: str) -> str:

@@ -165,7 +165,7 @@ class BenchControl:
         self._pending: list[dict[str, str]] = []
         self._stops = 0
         self._stopped_by = ""
-        self._prepared = Prepared("rig.cli.prepared_run", ("--simulate",) if bench.simulate else ())
+        self._prepared = Prepared("rig.cli.prepared_run", ("--simulate",) if bench.simulate else (), "rig run")
         self._in_line = False
         if self.started is not None and not self.started.lives:
             self.outcome = self.started.outcome()
@@ -323,7 +323,7 @@ class BenchControl:
     # What is asked of it
 
     async def answer(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
-        """Answer to one of `plan`, `questions`, `begin`, `resume`, `make-report`.
+        """Answer to one of `plan`, `questions`, `prepare`, `begin`, `resume`, `make-report`.
 
         Requests are answered one at a time, and few may wait, because the rig needs the processor. `of` names the
             matrix or run.
@@ -332,7 +332,7 @@ class BenchControl:
         reply = {"do": do, "of": one_line(message.get("matrix", message.get("run")), LONGEST_NAME)}
         answers = {
             "plan": self._plan, "questions": self._questions, "begin": self._begin, "resume": self._resume,
-            "make-report": self._make_report,
+            "make-report": self._make_report, "prepare": self._prepare,
         }  # fmt: skip
         if self._waiting >= MOST_WAITING:
             return {**reply, "refused": "page-busy", "text": "Too many requests are waiting. Try again in a moment."}
@@ -394,6 +394,13 @@ class BenchControl:
         if path is None:
             raise Refusal("unknown-matrix", "This matrix file is no longer in the folder. Choose another one.")
         return path
+
+    async def _prepare(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
+        """Load the first run of the production view, which has been opened; no device is opened and nothing starts."""
+        del message, requester
+        if self.idle:
+            self._prepared.prepare()
+        return {"ok": True}
 
     async def _begin(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:
         self._idle()

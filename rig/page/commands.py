@@ -13,6 +13,7 @@
 On the page of a bench, answered by `rig.page.bench_control`:
 
     {"do": "plan", "matrix": NAME}                        an operator's client; so is "questions" with "run": NAME
+    {"do": "prepare"}                                     an operator's client: load the next run of the production view
     {"do": "begin", "matrix", "planned", "serial_number"} the holder of the lease; so are "resume" with "run",
                                                           "confirmed", "requalified", and "make-report" with "run"
 
@@ -38,7 +39,7 @@ LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 LONGEST_KEY = 64
 MOST_CONFIRMED = 100
-CONTROL_READS = frozenset({"plan", "questions"})
+CONTROL_READS = frozenset({"plan", "questions", "prepare"})
 CONTROL_REQUESTS = CONTROL_READS | {"begin", "resume", "make-report"}
 """What `rig.page.bench_control` answers; the first of it starts and changes nothing."""
 

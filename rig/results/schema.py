@@ -179,7 +179,8 @@ characteristics = Table(
     _number("standard_uncertainty", "combined standard uncertainty, as far as it is known; in `unit`"),
     _number("repeatability_uncertainty", "part of it from the variation between cycles; in `unit`"),
     _number("calibration_uncertainty", "part of it from the calibration certificates; in `unit`; NULL if not stated"),
-    Index("characteristics_by_quantity", "quantity", "motion", "current_a", "value"),
+    # SQLite stores the primary key in each index of this table. PostgreSQL reads a chart from the index only with it.
+    Index("characteristics_by_quantity", "quantity", "motion", "current_a", "value", postgresql_include=["campaign"]),
     sqlite_with_rowid=False,
     comment="measured values without a damper model, one row for each value",
 )  # fmt: skip

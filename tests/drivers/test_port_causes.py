@@ -105,6 +105,9 @@ def test_the_program_that_uses_a_port_is_named(system: System) -> None:
     (system.proc / "77" / "fd").mkdir()
     (system.proc / "77" / "fd" / "3").symlink_to("/dev/ttyUSB0")
     assert "(process 77: minicom -D /dev/ttyUSB0)" in fix_of(failed("/dev/ttyUSB0", errno.EBUSY), system)
+    prepared = ["/usr/bin/python3", "-P", "-m", "drivers.prepared", "11", "rig run", "rig.cli.prepared_run", "--a"]
+    (system.proc / "77" / "cmdline").write_text("\0".join(prepared))
+    assert "(process 77: rig run)" in fix_of(failed("/dev/ttyUSB0", errno.EBUSY), system)
     master, slave = pty.openpty()
     name, first = os.ttyname(slave), SerialPort(os.ttyname(slave), device="lvdt")
     first.open()

@@ -161,6 +161,7 @@ function show_plan(message) {
   by_id("plan").replaceChildren(...message.blocks.filter((block) => block.text !== "").map(show_block)); by_id("plan").scrollTop = 0; enter_serial(message.serial_number);
   show_matrices(); line_show();
   if (plan.line && plan.feasible && sessionStorage.getItem("rig-line") === plan.matrix && !line.on) line_open(true); // after a reload
+  else if (plan.line && line.on) say({ do: "prepare" }); // the view was opened before the matrix
 }
 function enter_serial(proposed) { // never that of a specimen that was tested before: the next one would be recorded under its name
   const tested = runs.some((run) => run.specimen === proposed || run.matrix === plan.matrix);
@@ -249,6 +250,7 @@ function answered(message) {
   if (message.do === "stop") stop_answered(message);
   if (message.do === "begin" || message.do === "resume") sending = false;
   if (message.do === "plan") { show_plan(message); return; }
+  if (message.do === "prepare") return;
   if (message.do === "questions" && message.ok) { answer(""); show_questions(message); return; }
   if (message.do === "begin" && line_answered(message)) { if (message.refused === "not-planned" && plan) ask_again(); return; }
   if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }

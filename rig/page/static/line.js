@@ -15,7 +15,7 @@ function line_open(on) {
   line.on = on; line.serial = ""; line_note("");
   document.body.classList.toggle("line-view", on); by_id("line").hidden = !on;
   if (on && plan) sessionStorage.setItem("rig-line", plan.matrix); else sessionStorage.removeItem("rig-line");
-  if (on) by_id("scan").focus();
+  if (on) { by_id("scan").focus(); if (plan && plan.line) say({ do: "prepare" }); } // the first run loads while the specimen is mounted
   line_show();
 }
 function looks_like_serial(text) { // of this line, for texts in other fields

@@ -113,6 +113,7 @@ def test_a_refused_campaign_leaves_the_specimen_untested(session: LineSession, t
     made = LineResult.of("MR-101", JobResult(campaign), 3.0)
     assert (made.verdict, made.exit_code) == ("not-tested", EXIT_REFUSED)
     assert made.reason == "estop: the e-stop is pressed"
+    assert made.remarks[-1] == "Once the cause has been eliminated, continue with: retest MR-101"
     session.take(made)
     assert session.counts == {"ok": 0, "not-ok": 0, "not-tested": 1}
     assert session.entered("MR-101", NOW).answer is Answer.TEST, "the same specimen may be scanned again"

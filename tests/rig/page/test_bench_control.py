@@ -15,6 +15,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from drivers.prepared import Prepared
 from rig.clock import utc_now
 from rig.page import started_run
 from rig.page.bench_control import MOST_WAITING, Bench, BenchControl, Phase, Requester, phase
@@ -120,6 +121,17 @@ def test_what_was_planned_is_started_as_if_it_were_typed(control: AnsweringContr
     )]  # fmt: skip
     assert control.started is not None
     assert (control.started.by, control.started.title) == ("Ada", "m.toml, specimen MR-7")
+
+
+def test_the_production_view_loads_its_first_run_when_it_is_opened(
+    control: AnsweringControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded: list[bool] = []
+    monkeypatch.setattr(Prepared, "prepare", lambda _prepared: loaded.append(True))
+    assert asked(control, do="prepare") == {"do": "prepare", "of": "", "ok": True}
+    monkeypatch.setattr(AnsweringControl, "idle", property(lambda _control: False))
+    assert asked(control, do="prepare")["ok"]
+    assert len(loaded) == 1, "nothing is loaded while a test runs"
 
 
 def test_of_two_browsers_that_start_two_matrices_one_is_refused_in_words(
