@@ -98,10 +98,11 @@ def _show(results: Sequence[Reanalysis]) -> None:
 
     blocks: Blocks = []
     for result in results:
-        if len(results) > 1 and not result.error and not result.up_to_date:
-            continue
         title = Heading(result.run.name, 3)
-        if result.error:
+        if len(results) > 1 and not result.error and not result.up_to_date:
+            failures = [*([f"fit: {result.fit_error}"] if result.fit_error else []), *result.left_out]
+            blocks += [title, *(Note(POOR, failure) for failure in failures)] if failures else []
+        elif result.error:
             blocks += [title, Note(POOR, result.error)]
         elif result.up_to_date:
             blocks += [title, Paragraph("already analysed by this version from the same files; --again repeats it")]
@@ -128,6 +129,8 @@ def _overview(results: Sequence[Reanalysis]) -> Block:
             word = "exists already"
         elif one.changed:
             level, word = FAIR, "changed"
+        if one.fit_error or one.left_out:
+            level, word = POOR, "no new fit" if one.fit_error else "points left out"
         counts = (
             sum(point.before != point.after for point in one.points),
             sum(bool(point.largest) for point in one.points), len(one.characteristics), len(one.fit),

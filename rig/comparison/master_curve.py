@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from statistics import stdev
+from statistics import fmean, stdev
 
 from scipy import stats
 
@@ -42,8 +42,8 @@ PARAMETER = "parameter"
 USUAL = ("rebound_force", "jounce_force", "energy", "friction_force", "gas_force")
 """Quantities that a tolerance without a name applies to."""
 LARGEST_SHARE = 10.0
-FEWEST_RUNS = 3
-"""Golden runs from which the variation between dampers is estimated."""
+FEWEST_SPECIMENS = 3
+"""Serial numbers of golden runs from which the variation between dampers is estimated."""
 COVERED, CONFIDENCE = 0.95, 0.95
 """Share of the dampers that a tolerance interval contains, and its confidence."""
 MOST_NAMED = 3
@@ -113,10 +113,19 @@ def tolerance_factor(count: int) -> float:
     return z * math.sqrt((1.0 + 1.0 / count) * spread)
 
 
+def _interval(values: Sequence[float]) -> float:
+    """Half of the width of the tolerance interval of values, one of each specimen."""
+    return tolerance_factor(len(values)) * stdev(values)
+
+
 @dataclass
 class _Bands:
-    """Bands as they are made; `within` names those that are narrower than the tolerance interval of the runs."""
+    """Bands as they are made; `within` names those that are narrower than the tolerance interval of the specimens.
 
+    `specimens` are the serial numbers of the runs, empty where a run states none.
+    """
+
+    specimens: Sequence[str] = ()
     tables: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     narrow: list[str] = field(default_factory=list)
@@ -144,8 +153,11 @@ class _Bands:
             self.remarks.append(f"{key} at {where}: the value of {', '.join(outside)} is outside the band itself")
         if half < max(reading.expanded for reading in readings):
             self.narrow.append(f"{key} at {where}")
-        if len(values) >= FEWEST_RUNS and half < tolerance_factor(len(values)) * stdev(values):
-            interval = tolerance_factor(len(values)) * stdev(values)
+        of_specimen: dict[str, list[float]] = {}
+        for specimen, value in zip(self.specimens, values, strict=True):
+            if specimen:
+                of_specimen.setdefault(specimen, []).append(value)
+        if len(of_specimen) >= FEWEST_SPECIMENS and half < (interval := _interval([*map(fmean, of_specimen.values())])):
             self.within.append(f"{key} at {where} (+-{half:.3g} {unit}, tolerance interval +-{interval:.3g} {unit})")
         written = unit if unit != "1" and key != PARAMETER else ""
         limits = [f"{name} = {_limit(end, written)}" for name, end in (("low", low), ("high", high))]
@@ -181,7 +193,8 @@ def make_bands(runs: Sequence[Run], tolerances: Mapping[str, Tolerance], *, fitt
     """
     read = [fitted_readings(run) if fitted else readings_of(run) for run in runs]
     names = [run.name for run in read]
-    made = _Bands(remarks=[f"{run.name}: {line}" for run in read for line in run.left_out])
+    left_out = [f"{run.name}: {line}" for run in read for line in run.left_out]
+    made = _Bands([run.specimen for run in read], remarks=left_out)
     loops = [quantity for quantity in LOOP_QUANTITIES if quantity.key in tolerances]
     for row in motion_rows(read) if loops else ():
         present = [loop for loop in row.loops if loop is not None]
@@ -207,13 +220,29 @@ def make_bands(runs: Sequence[Run], tolerances: Mapping[str, Tolerance], *, fitt
             f"{len(made.narrow)} band(s) are narrower than the expanded uncertainty of the measured value, so guarded "
             f"acceptance cannot pass them, for example {made.narrow[0]}"
         )
-    if made.within:
+    specimens = {run.specimen for run in read if run.specimen}
+    if len(specimens) < FEWEST_SPECIMENS <= len(read):
+        made.remarks.append(_few_specimens(sorted(specimens), len(read)))
+    elif made.within:
         made.remarks.append(
-            f"{len(made.within)} band(s) are narrower than the tolerance interval of the {len(read)} golden runs (mean "
-            f"+-{tolerance_factor(len(read)):.3g} standard deviations: {100.0 * COVERED:g} % of such dampers, with "
-            f"{100.0 * CONFIDENCE:g} % confidence), so good dampers can fail them, for example {made.within[0]}"
+            f"{len(made.within)} band(s) are narrower than the tolerance interval of the {len(specimens)} golden "
+            f"specimens (mean +-{tolerance_factor(len(specimens)):.3g} standard deviations: {100.0 * COVERED:g} % of "
+            f"such dampers, with {100.0 * CONFIDENCE:g} % confidence), so good dampers can fail them, for example "
+            f"{made.within[0]}"
         )
     return MasterBands(_text(read, made, fitted=fitted), len(made.tables), tuple(made.remarks))
+
+
+def _few_specimens(specimens: Sequence[str], runs: int) -> str:
+    """Why the runs do not show how much dampers differ."""
+    way_out = f"Fix: use runs of at least {FEWEST_SPECIMENS} serial numbers to compare the bands with this variation"
+    if not specimens:
+        return f"the {runs} golden runs state no serial number, so the variation between dampers is unknown. {way_out}"
+    if len(specimens) == 1:
+        return (f"the {runs} golden runs show the repeatability of one specimen only ({specimens[0]}), not the "
+            f"variation between dampers. {way_out}")
+    return (f"the {runs} golden runs are of {len(specimens)} specimens only ({', '.join(specimens)}), too few to "
+        f"estimate the variation between dampers. {way_out}")
 
 
 def _add_single(made: _Bands, single: Quantity, read: Sequence[RunReadings], tolerance: Tolerance) -> None:

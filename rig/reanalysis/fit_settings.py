@@ -11,6 +11,7 @@ from rig.files.loader import validated
 from rig.files.toml_source import read_toml
 from rig.fits.fit_record import FitRecord
 from rig.identification import Fit, Method, identify
+from rig.identification.points.inputs import FITTED
 from rig.matrix.sections import Identify
 from rig.optimisers import METHODS as SEARCHES
 from rig.recording.run import Run
@@ -47,7 +48,7 @@ class FitSettings:
         """
         if original is None:
             options = _requested(CampaignFolder(run.path))
-            if options is None:
+            if options is None or not any(point.kind in FITTED for point in run.points):
                 return cls({"model": model}) if model else None
             return cls({**options, "model": model} if model else options)
         used = frozenset(test.id for test in original.error.per_test)

@@ -365,7 +365,8 @@ def _with_fit(
         original, remarks = None, (*result.remarks, f"fit.json of the original cannot be read: {error.problems[0]}")
     settings = FitSettings.of(original, before, options.model) if options.fit else None
     if settings is None:
-        without = "no model was fitted: the original has no fit, and its matrix requests none"
+        without = ("no model was fitted: the original has no fit, and its matrix requests none or none of its points "
+            "can be fitted")
         return replace(result, remarks=(*remarks, *([without] if options.fit else [])))
     try:
         fit, more = settings.fitted(new)

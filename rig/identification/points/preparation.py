@@ -90,7 +90,7 @@ def prepare_all(
         except RigError as error:
             refusals.append(say("left-out", test=point.id, reason=str(error)))
     if not measurements:
-        reasons = some(refusals, "; ") if refusals else "the run contains no points"
+        reasons = some(refusals, "; ") if refusals else "the run contains no points that a fit can use"
         raise IdentificationFailed(f"no point can be used for identification: {reasons}")
     return measurements, refusals
 

@@ -60,8 +60,23 @@ def test_a_band_that_good_dampers_can_fail_is_stated(made_run: Make) -> None:
     # s = 10 N s/m * 0.12566 m/s = 1.257 N, 9.9 s = 12.5 N; 75.66 N in rebound
     for tolerance, stated in (("12 N", True), ("13 N", False)):
         made = make_bands(runs, tolerances_of([f"rebound_force={tolerance}"]))
-        assert any("tolerance interval of the 3 golden runs" in remark for remark in made.remarks) is stated
+        assert any("tolerance interval of the 3 golden specimens" in remark for remark in made.remarks) is stated
     assert not make_bands(runs[:2], tolerances_of(["rebound_force=2 N"])).remarks
+
+
+def test_runs_of_one_specimen_show_nothing_of_other_dampers(made_run: Make) -> None:
+    folders = [made_run(name, damping) for name, damping in (("a", 990.0), ("b", 1000.0), ("c", 1010.0))]
+    for folder in folders:
+        (folder / "campaign.json").write_text(json.dumps({"specimen": "S-1"}))
+    remarks = make_bands([*map(Run.open, folders)], tolerances_of(["rebound_force=2 N"])).remarks
+    assert "the 3 golden runs show the repeatability of one specimen only (S-1)" in remarks[-1]
+    assert not any("such dampers" in remark for remark in remarks)
+    # five runs of four specimens (S-1 twice): an interval of four values
+    others = [made_run(name, damping) for name, damping in (("d", 995.0), ("e", 1005.0))]
+    (folders[2] / "campaign.json").write_text(json.dumps({"specimen": "S-3"}))
+    runs = [*map(Run.open, [*folders, *others])]
+    assert "tolerance interval of the 4 golden specimens" in make_bands(
+        runs, tolerances_of(["rebound_force=2 N"])).remarks[-1]
 
 
 @pytest.mark.parametrize(

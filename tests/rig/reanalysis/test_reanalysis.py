@@ -23,6 +23,7 @@ from rig.errors import FileProblem, Refused
 from rig.fits.fit_record import FitRecord
 from rig.reanalysis import ReanalysisOptions, reanalyse, reanalyse_each
 from rig.reanalysis.changes import Cause, value_changes
+from rig.reanalysis.fit_settings import FitSettings
 from rig.reanalysis.stage import staged
 from rig.recording.conversion.delay_correction import write_verdict
 from rig.recording.conversion.rebuilding import can_be_rebuilt
@@ -31,7 +32,7 @@ from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.quality.verdict import Verdict, suspect
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from rig.test_point import ENDURANCE, LOOP
+from rig.test_point import ENDURANCE, LOOP, RESPONSE
 
 NO_FIT = ReanalysisOptions(fit=False)
 
@@ -198,6 +199,14 @@ def test_what_cannot_be_made_again_is_named_and_abandoned_results_are_removed(ca
     kept = result.points[1]
     assert kept.remark.startswith("the file contains no received samples")
     assert not kept.changed
+
+
+def test_no_fit_is_expected_of_a_run_whose_points_serve_none(recorded: Path) -> None:
+    loops = Run.open(recorded)
+    assert FitSettings.of(None, loops, "") is not None
+    response = replace(loops, points=tuple(replace(point, kind=RESPONSE) for point in loops.points))
+    assert FitSettings.of(None, response, "") is None
+    assert FitSettings.of(None, response, "bingham") is not None, "a model that is requested must be fitted or fail"
 
 
 def test_an_interruption_or_a_full_disk_leaves_nothing(
