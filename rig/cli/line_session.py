@@ -24,7 +24,7 @@ from rig.errors import (
     EXIT_UNKNOWN_STATE,
     FileProblem,
 )
-from rig.recording.tested_specimens import TITLES, SpecimenVerdict, TestedSpecimens, tested_before
+from rig.recording.tested_specimens import TITLES, SpecimenVerdict, TestedSpecimens, counts, tested_before
 
 if TYPE_CHECKING:
     from rig.cli.job import JobResult
@@ -185,12 +185,12 @@ class LineSession:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of specimens of this session by verdict."""
-        return {name: sum(one.verdict == name for one in self.results) for name in map(str, SpecimenVerdict)}
+        """Number of specimens of this session by last verdict; one that was tested again counts once."""
+        return counts((one.serial_number, one.verdict) for one in self.results)
 
     @property
     def takts_s(self) -> list[float]:
-        """Takt of each specimen with a verdict."""
+        """Takt of each test that ended with OK or NOT OK (s)."""
         return [one.takt_s for one in self.results if one.verdict != SpecimenVerdict.NOT_TESTED]
 
     @property
@@ -201,7 +201,7 @@ class LineSession:
     @property
     def summary(self) -> str:
         """Counters and takt in one line."""
-        text = ", ".join(f"{TITLES[verdict]} {count}" for verdict, count in self.counts.items())
+        text = "specimens: " + ", ".join(f"{TITLES[verdict]} {count}" for verdict, count in self.counts.items())
         if self.takts_s:
             text += f"; takt {self.takts_s[-1]:.1f} s, mean {self.mean_takt_s:.1f} s"
         return text

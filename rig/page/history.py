@@ -17,7 +17,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
 from rig.recording.tested_on import when_tested
-from rig.recording.tested_specimens import TESTED, SpecimenVerdict, TestedSpecimen, TestedSpecimens
+from rig.recording.tested_specimens import TESTED, TestedSpecimen, TestedSpecimens, counts
 from rig.station.live_folder import LOCK, held, read_json
 from rig.text_file import open_regular, stamp
 
@@ -144,10 +144,10 @@ def _midnight() -> datetime:
 
 
 def _counters(tested: list[TestedSpecimen]) -> dict[str, Any]:
-    """Number of specimens by verdict, and the takt: time from the start of a campaign to its verdict (s)."""
+    """Number of specimens by last verdict, and the takt of the tests: from the start of a campaign to its verdict (s)."""
     takts_s = [one.cycle_s for one in tested if one.verdict in TESTED]
     return {
-        **{verdict: sum(one.verdict == verdict for one in tested) for verdict in map(str, SpecimenVerdict)},
+        **counts((one.serial_number, one.verdict) for one in tested),
         "takt_last_s": takts_s[-1] if takts_s else None,
         "takt_mean_s": math.fsum(takts_s) / len(takts_s) if takts_s else None,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -95,6 +95,16 @@ class TestedSpecimens:
                 self._read[name] = now, None if now is None else _tested(name, file, now[0] * 1e-9)
             if (known := self._read[name][1]) is not None:
                 yield known
+
+
+def counts(tested: Iterable[tuple[str, str]]) -> dict[str, int]:
+    """Number of specimens by verdict: each specimen counts once, with its last verdict.
+
+    Args:
+        tested: serial number and verdict of each test, the oldest first; letter case of the number does not matter.
+    """
+    last = {serial_number.casefold(): verdict for serial_number, verdict in tested}
+    return {verdict: list(last.values()).count(verdict) for verdict in map(str, SpecimenVerdict)}
 
 
 def _tested(name: str, file: Path, written_s: float) -> TestedSpecimen | None:

@@ -5,7 +5,7 @@ const VERDICTS = { "ok": ["good", "OK"], "not-ok": ["bad", "NOT OK"], "not-teste
 window.rigLine = line;
 
 function seconds(s) { return typeof s === "number" ? `${s.toFixed(1)} s` : "–"; }
-function line_note(text, over = null) { line.note = text; line.over = over; write("line-note", text); } // `over`: the note that replaces it; undefined as long as it is true
+function line_note(text, over = null) { line.note = text; line.over = over; write("line-note", text || line_wait()); } // `over`: the note that replaces it; undefined as long as it is true
 function line_note_over() { // what was true when a note was written
   const next = line.over ? line.over() : undefined;
   if (next !== undefined) line_note(next);
@@ -25,11 +25,7 @@ function looks_like_serial(text) { // of this line, for texts in other fields
 function line_scan(serial, more = {}) {
   by_id("scan").value = ""; by_id("line-retest").hidden = true; line.retest = "";
   if (!serial) return;
-  if (line_busy()) {
-    const name = serial.slice(0, 40), again = `${name} was scanned during a test and was ignored. Mount the specimen, then scan it again.`;
-    line_note(`${name}: ignored because a specimen is being tested. Wait for the result, change the specimen, then scan again.`, () => line_busy() ? undefined : again);
-    return;
-  }
+  if (line_busy()) { line_ignored(serial.slice(0, 40)); return; }
   if (!standing.mine) { line_note(`${serial.slice(0, 40)}: not started. Type your name and take control first.`, () => standing.mine ? "" : undefined); return; }
   if (!plan || !plan.feasible || !plan.line) { line_note(`${serial.slice(0, 40)}: not started. Leave the production view and choose a matrix.`); return; }
   stop_asked = null; line.serial = serial; line_note("");
@@ -38,6 +34,24 @@ function line_scan(serial, more = {}) {
   line_show();
 }
 function line_busy() { return sending || busy(); }
+function line_ended() { const last = runs[0]; return line.serial || (last && last.ended === "running" ? last.specimen : "") || bench.run; } // what is evaluated
+function line_report() { return bench.phase === "evaluating" ? line_ended() : ""; } // whose report is still being written, if any
+function line_ignored(name) { // a scan, and what is awaited before the next one; the text follows the phase
+  const written = line_report();
+  const again = `${name} was scanned ${written ? `while the report of ${written} was being written` : "during a test"} and was ignored. Mount the specimen, then scan it again.`;
+  line_note(written ? `${name}: ignored because the report of ${written} is still being written. Scan it again when this line asks for it.`
+    : `${name}: ignored because a specimen is being tested. Wait for the result, change the specimen, then scan again.`,
+  () => {
+    if (!line_busy()) return again;
+    if (line_report() !== written) line_ignored(name);
+    return undefined;
+  });
+}
+function line_wait() { // what the next scan would do, where no note says something else
+  if (line_report()) return `The report of ${line_report()} is still being written. Wait before you scan the next serial number.`;
+  const ready = standing.mine && connected() && !line_busy() && plan && plan.feasible && plan.line;
+  return ready && !(line_stopped() && line.after !== (runs[0] || {}).name) ? "Ready for the next serial number." : "";
+}
 function line_answered(message) { // of `begin`; true where the production view has shown it
   if (!line.on) return false;
   if (message.ok) { line.started = performance.now(); return true; }
@@ -52,7 +66,7 @@ function line_state() { // what is shown large: kind, verdict, specimen, reason
   if (bench.phase === "starting" || bench.phase === "running" || (sending && line.serial)) return ["wait", "TESTING", line.serial || (last && last.ended === "running" ? last.specimen : ""), `${state.running && state.phase ? state.phase : "starting"}${state.point ? `, ${state.point}` : ""}`];
   if (bench.phase === "evaluating") {
     const ended = state.ended || {}, early = VERDICTS[(ended.specimen || {}).verdict]; // the verdict comes before the report is written
-    const serial = line.serial || (last && last.ended === "running" ? last.specimen : "");
+    const serial = line_ended();
     if (early && ended.valid === ended.total && ended.rig_state === "safe" && !ended.stopped_by) return [early[0], early[1], serial, ended.specimen.reason];
     return ["wait", "EVALUATING", serial, ""];
   }
@@ -68,6 +82,10 @@ function line_state() { // what is shown large: kind, verdict, specimen, reason
   return [known[0], known[1], last.specimen, last.specimen_reason + test];
 }
 function line_stopped() { const last = runs[0]; return Boolean(last) && (["stopped", "interrupted"].includes(last.ended) || last.rig_state === "unknown"); }
+function large(id, text) { // as large as its letters allow, see line.css
+  write(id, text);
+  by_id(id).style.setProperty("--letters", text.length); by_id(id).style.setProperty("--word", Math.max(...text.split(" ").map((word) => word.length)));
+}
 function line_show() {
   by_id("line-open").hidden = !(plan && plan.line); by_id("line-open").disabled = !(plan && plan.line && plan.feasible);
   if (!line.on) return;
@@ -75,7 +93,8 @@ function line_show() {
   by_id("line-form").hidden = standing.role === "viewer"; // a large screen for everybody
   const [kind, verdict, specimen, reason] = line_state();
   if (by_id("line-result").className !== kind) by_id("line-result").className = kind;
-  write("line-verdict", verdict); write("line-specimen", specimen); write("line-reason", with_minus(reason));
+  write("line-note", line.note || line_wait()); by_id("line-note").classList.toggle("hint", !line.note);
+  large("line-verdict", verdict); write("line-specimen", specimen); write("line-reason", with_minus(reason));
   for (const name of ["ok", "not-ok", "not-tested"]) write(`count-${name}`, String((line.today || {})[name] || 0));
   write("takt-last", seconds((line.today || {}).takt_last_s)); write("takt-mean", seconds((line.today || {}).takt_mean_s));
   by_id("line-continue").hidden = !(line_stopped() && !line_busy() && line.after !== (runs[0] || {}).name && standing.mine);

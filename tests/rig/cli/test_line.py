@@ -128,13 +128,20 @@ def test_counters_takt_and_exit_code(session: LineSession, tmp_path: Path) -> No
         tmp_path, (), 2, 2, RigState.SAFE, None, "", refused=False, wall_s=7.0, motion_s=6.0
     )
     session.take(LineResult.of("MR-103", JobResult(campaign, specimen=specimen), 11.0))
-    assert session.summary == "OK 2, NOT OK 1, NOT TESTED 0; takt 11.0 s, mean 11.0 s"
+    assert session.summary == "specimens: OK 2, NOT OK 1, NOT TESTED 0; takt 11.0 s, mean 11.0 s"
     assert session.exit_code == EXIT_NOT_ACCEPTED
     answer = session.to_json()
     assert answer["counts"] == {"ok": 2, "not-ok": 1, "not-tested": 0}
     assert answer["specimens"][2]["reason"] == "rebound force ...: margin -41 N"
     assert (answer["takt_last_s"], answer["takt_mean_s"]) == (11.0, 11.0)
     assert json.dumps(answer)
+
+
+def test_a_specimen_that_is_tested_again_counts_once_with_its_last_verdict(session: LineSession) -> None:
+    for serial_number, verdict in (("MR-101", "not-ok"), ("MR-102", "ok"), ("MR-103", "not-tested"), ("mr-101", "ok")):
+        session.take(result(serial_number, verdict))
+    assert session.counts == {"ok": 2, "not-ok": 0, "not-tested": 1}
+    assert len(session.takts_s) == 3, "each test has its takt"
 
 
 def test_a_specimen_that_could_not_be_tested_for_a_wrong_file_is_no_success(session: LineSession) -> None:

@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -457,9 +458,9 @@ def test_values_of_a_hostile_description_are_text_or_nothing(control: AnsweringC
 LINE = {"serial": "MR-[0-9]{3}", "retest": "explicit"}
 
 
-def verdict_in(control: BenchControl, serial_number: str, verdict: str) -> str:
+def verdict_in(control: BenchControl, serial_number: str, verdict: str, started: datetime | None = None) -> str:
     """A finished run with a verdict on its specimen."""
-    name = f"{utc_now():%Y%m%dT%H%M%SZ}-{serial_number}-0a1b2c"
+    name = f"{started or utc_now():%Y%m%dT%H%M%SZ}-{serial_number}-0a1b2c"
     folder = control.bench.out / name
     (folder / "points").mkdir(parents=True)
     (folder / "campaign.json").write_text(json.dumps({"specimen": serial_number, "points": []}))
@@ -511,6 +512,16 @@ def test_the_production_view_tests_a_specimen_again_only_on_request(
         "takt_mean_s": control.history.runs[1]["takt_s"],
     }  # fmt: skip
     assert [run["specimen_verdict"] for run in control.history.runs] == ["not-tested", "ok"]
+
+
+def test_a_specimen_tested_again_counts_once_today_with_its_last_verdict(control: AnsweringControl) -> None:
+    for serial_number, verdict in (("MR-101", "not-ok"), ("MR-102", "ok"), ("MR-103", "not-tested")):
+        verdict_in(control, serial_number, verdict)
+    first = control.history.today
+    assert (first["ok"], first["not-ok"], first["not-tested"]) == (1, 1, 1)
+    verdict_in(control, "MR-101", "ok", utc_now() + timedelta(seconds=1))
+    second = control.history.today
+    assert (second["ok"], second["not-ok"], second["not-tested"]) == (2, 0, 1), "three dampers, four tests"
 
 
 def test_after_a_stop_the_production_view_waits_for_the_operator(control: AnsweringControl, started: Started) -> None:
