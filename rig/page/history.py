@@ -144,7 +144,7 @@ def _midnight() -> datetime:
 
 
 def _counters(tested: list[TestedSpecimen]) -> dict[str, Any]:
-    """Number of specimens by last verdict, and the takt of the tests: from the start of a campaign to its verdict (s)."""
+    """Number of specimens by last verdict, and the takt: time from the start of a campaign to its verdict (s)."""
     takts_s = [one.cycle_s for one in tested if one.verdict in TESTED]
     return {
         **counts((one.serial_number, one.verdict) for one in tested),

@@ -21,6 +21,7 @@ from drivers.ring import Record, RingWriter
 from rig.campaign.live_link import LiveLink, Request
 from rig.campaign.results import PointResult
 from rig.clock import monotonic_ns
+from rig.page.document import BENCH, document, headers
 from rig.page.settings import PageSettings
 from rig.page.started import PageProcess
 from rig.recording.journal.campaign_log import CampaignLog
@@ -349,6 +350,69 @@ def zoom_and_read_values(page: Page) -> None:
     page.locator("#plot-fx").focus()
     page.keyboard.press("0")
     page.wait_for_function(f"{view}[0] === {low} && {view}[1] === {high}", timeout=WAIT_MS)
+
+
+NO_SERVER = "window.WebSocket = class { constructor() { this.readyState = 1; } send() {} close() {} static OPEN = 1; };"
+VERDICT_WORDS = ("OK", "NOT OK", "NOT TESTED", "TESTING", "EVALUATING", "STOPPED", "NO CONNECTION", "RIG STATE UNKNOWN")
+REASON = "peak rebound force of sine 25 mm, 1.67 Hz, 1 A: 1612 N instead of 1650 N to 1750 N (margin -41 N)"
+SHOW_VERDICT = """([word, reason]) => {
+  runs = Array.from({ length: 12 }, (_, at) => ({ name: `r${at}`, specimen: `MR-1${at}`, started: '2026-03-04T05:06:07',
+    ended: 'finished', specimen_verdict: 'not-ok', specimen_reason: reason, takt_s: 16.7 }));
+  window.line_state = () => ['bad', word, 'MR-101', reason];
+  line_note('MR-102: ignored because a specimen is being tested.'); line_history({}); line_show();
+  const box = by_id('line-result').getBoundingClientRect(), range = document.createRange();
+  range.selectNodeContents(by_id('line-verdict'));
+  const list = document.querySelector('#line .scroll').getBoundingClientRect(), text = range.getBoundingClientRect();
+  const rows = [...document.querySelectorAll('#line-history tbody tr')], end = Math.min(list.bottom, innerHeight);
+  return [document.documentElement.scrollWidth <= innerWidth && text.left > box.left && text.right < box.right,
+    document.documentElement.scrollHeight <= innerHeight,
+    rows.filter((row) => row.getBoundingClientRect().bottom <= end).length > 2]; }"""
+
+
+def fit_every_verdict(browser: Browser) -> None:
+    """The production view: each word within its box, and from a laptop upwards all of it in the window."""
+    for width, height in ((390, 844), (1366, 768), (1920, 1080), (3840, 2160)):
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.add_init_script(NO_SERVER)
+        page.route("**", lambda route: route.fulfill(body=document(BENCH), headers=headers(BENCH)))
+        page.goto("http://bench.invalid/?production")
+        for word in VERDICT_WORDS:
+            wide, high, listed = page.evaluate(SHOW_VERDICT, [word, REASON])
+            assert wide, (width, word)
+            assert width < 641 or (high and listed), (width, word)
+        page.close()
+
+
+def scan_while_a_report_is_written(browser: Browser) -> None:
+    """What the answer to a scan says follows from what is being done at that time."""
+    page = browser.new_page()
+    page.add_init_script(NO_SERVER)
+    page.route("**", lambda route: route.fulfill(body=document(BENCH), headers=headers(BENCH)))
+    page.goto("http://bench.invalid/?production")
+    notes = page.evaluate("""() => [['running', 'evaluating', 'idle'], ['evaluating', 'idle']].flatMap((phases) => {
+      line.serial = 'MR-101'; bench.phase = phases[0]; line_scan('MR-102');
+      return phases.map((phase) => {
+        bench.phase = phase; line_show(); return by_id('line-note').textContent; }); })""")
+    again = "and was ignored. Mount the specimen, then scan it again."
+    tested, written = (f"MR-102: ignored because {why}" for why in ("a specimen is", "the report of MR-101 is"))
+    expected = (
+        tested, written, f"MR-102 was scanned during a test {again}",
+        written, f"MR-102 was scanned while the report of MR-101 was being written {again}",
+    )  # fmt: skip
+    assert [note.startswith(text) for note, text in zip(notes, expected, strict=True)] == [True] * 5, notes
+    page.close()
+
+
+@pytest.mark.wire
+@pytest.mark.skipif(CHROMIUM is None and "CI" not in os.environ, reason="no chromium on this machine")
+def test_the_production_view_fits_its_screen_and_answers_scans_with_what_is_true() -> None:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        fit_every_verdict(browser)
+        scan_while_a_report_is_written(browser)
+        browser.close()
 
 
 @pytest.mark.wire

@@ -36,14 +36,14 @@ function line_scan(serial, more = {}) {
 function line_busy() { return sending || busy(); }
 function line_ended() { const last = runs[0]; return line.serial || (last && last.ended === "running" ? last.specimen : "") || bench.run; } // what is evaluated
 function line_report() { return bench.phase === "evaluating" ? line_ended() : ""; } // whose report is still being written, if any
-function line_ignored(name) { // a scan, and what is awaited before the next one; the text follows the phase
-  const written = line_report();
-  const again = `${name} was scanned ${written ? `while the report of ${written} was being written` : "during a test"} and was ignored. Mount the specimen, then scan it again.`;
+function line_ignored(name, during = "") { // a scan: what the next one has to wait for follows the phase, when it was scanned does not
+  const written = line_report(), then = during || (written ? `while the report of ${written} was being written` : "during a test");
+  const again = `${name} was scanned ${then} and was ignored. Mount the specimen, then scan it again.`;
   line_note(written ? `${name}: ignored because the report of ${written} is still being written. Scan it again when this line asks for it.`
     : `${name}: ignored because a specimen is being tested. Wait for the result, change the specimen, then scan again.`,
   () => {
     if (!line_busy()) return again;
-    if (line_report() !== written) line_ignored(name);
+    if (line_report() !== written) line_ignored(name, then);
     return undefined;
   });
 }
