@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from rig.comparison.acceptance import PERCENT, AcceptanceResult, Result, State
-from rig.comparison.changes import Change
+from rig.comparison.changes import Change, ChangeSummary
 from rig.comparison.differences import MOST_RUNS, Comparison
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading, plain
 from rig.comparison.specimen import SpecimenResult
@@ -138,7 +138,7 @@ def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
         shown = quantity.shown(display)
         at, largest = summary.significant or (None, None)
         rows.append((
-            quantity.name, str(summary.tests), str(summary.differ), _signed(summary.median_percent, PERCENT),
+            quantity.name, str(summary.tests), str(summary.differ), _median(summary, shown),
             NOTHING if largest is None else _change(largest, shown)[0], NOTHING if at is None else at.phrase(display),
         ))  # fmt: skip
         for row in compared.rows:
@@ -178,6 +178,13 @@ def _change(changed: Change, shown: Shown) -> tuple[str, str]:
         return _signed(value, unit), with_unit(number_text(expanded, 2), unit)
     digits, uncertain = (known_digits(one, expanded).replace(MINUS, "-") for one in (value, expanded))
     return with_unit(digits if digits.startswith("-") else f"+{digits}", unit), with_unit(uncertain, unit)
+
+
+def _median(summary: ChangeSummary, shown: Shown) -> str:
+    """The median of the relative changes; without any, that of the changes in the quantity's unit."""
+    if math.isfinite(summary.median_percent):
+        return _signed(summary.median_percent, PERCENT)
+    return _signed(shown.signed(summary.median), shown.unit)
 
 
 def _or_infinite(value: float) -> float:

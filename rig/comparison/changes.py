@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,11 @@ class Change:
     def differs(self) -> bool | None:
         """Whether it is more than its expanded uncertainty; None where that is not known."""
         return abs(self.value) > COVERAGE * self.std if math.isfinite(self.std) else None
+
+    @property
+    def absolute(self) -> Change:
+        """The same without a percentage."""
+        return replace(self, percent=math.nan, percent_std=math.nan)
 
     def to_json(self) -> dict[str, Any]:
         """Every attribute and `differs`; null where unknown."""
@@ -121,6 +126,7 @@ class ChangeSummary:
         differ: those whose change is more than its expanded uncertainty.
         absolute: those without a relative change; the median does not include them.
         median_percent: median of the relative changes; NaN without any.
+        median: median of all changes (SI).
         largest: the largest relative change; without any, the largest absolute one.
         at: its motion.
         significant: the largest of the changes that are more than their expanded uncertainty, and its motion; None
@@ -131,6 +137,7 @@ class ChangeSummary:
     differ: int
     absolute: int
     median_percent: float
+    median: float
     largest: Change
     at: Motion
     significant: tuple[Motion, Change] | None = None
@@ -141,6 +148,7 @@ class ChangeSummary:
         return {
             "tests": self.tests, "differ": self.differ, "absolute": self.absolute,
             "median_percent": self.median_percent if math.isfinite(self.median_percent) else None,
+            "median": self.median,
             "largest_percent": self.largest.percent if known else None, "largest": self.largest.value,
             "at": self.at.label,
         }  # fmt: skip
@@ -153,13 +161,14 @@ def summarised(changes: list[tuple[Motion, Change]]) -> ChangeSummary | None:
     relative = [(motion, one) for motion, one in changes if math.isfinite(one.percent)]
     if relative:
         at, largest = _largest(relative)
-        median = float(np.median([one.percent for _, one in relative]))
+        median_percent = float(np.median([one.percent for _, one in relative]))
     else:
-        (at, largest), median = _largest(changes), math.nan
+        (at, largest), median_percent = _largest(changes), math.nan
+    median = float(np.median([one.value for _, one in changes]))
     differing = [(motion, one) for motion, one in changes if one.differs]
     significant = _largest(differing) if differing else None
     absolute = len(changes) - len(relative)
-    return ChangeSummary(len(changes), len(differing), absolute, median, largest, at, significant)
+    return ChangeSummary(len(changes), len(differing), absolute, median_percent, median, largest, at, significant)
 
 
 def _largest(changes: Sequence[tuple[Motion, Change]]) -> tuple[Motion, Change]:

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,23 @@ class Comparison:
         return self.runs[0].run.display
 
     def change(self, run: int, quantity: str, row: MotionRow) -> Change | None:
-        """Of a quantity of a motion, against the first run; None where one of them lacks it."""
+        """Of a quantity of a motion, against the first run; None where one of them lacks it.
+
+        A force has one unit of change in all tests: where one of them has no relative change, none has.
+        """
+        one = self._change(run, quantity, row)
+        return one if one is None or (run, quantity) not in self._in_unit_of_force else one.absolute
+
+    @cached_property
+    def _in_unit_of_force(self) -> frozenset[tuple[int, str]]:
+        """Run and quantity of the forces that lack a relative change in one test at least."""
+        forces = [quantity.key for quantity in LOOP_QUANTITIES if quantity.unit == "N"]
+        return frozenset(
+            (run, quantity) for run in range(1, len(self.runs)) for quantity in forces for row in self.rows
+            if (one := self._change(run, quantity, row)) is not None and math.isnan(one.percent)
+        )
+
+    def _change(self, run: int, quantity: str, row: MotionRow) -> Change | None:
         first, later = row.loops[0], row.loops[run]
         if first is None or later is None:
             return None
@@ -168,12 +185,12 @@ class Comparison:
         """Forces whose changes are stated in the unit of the force."""
         for index, run in enumerate(self.runs[1:], start=1):
             for quantity in LOOP_QUANTITIES:
-                summary = self.summary(index, quantity.key)
-                if summary is not None and summary.absolute and quantity.unit == "N":
+                if (index, quantity.key) in self._in_unit_of_force:
                     yield (
-                        f"{run.name}: {summary.absolute} of {summary.tests} changes of the {quantity.name} are stated "
-                        f"in {self.display.force.unit} and not included in the median of the relative changes, because "
-                        "the force is near zero or smaller than the gas force, or its sign changes"
+                        f"{run.name}: all changes of the {quantity.name} are stated in {self.display.force.unit}, "
+                        "because in at least one test the force is near zero, smaller than the gas force or (if the "
+                        "gas force was not measured) less than a third of the compression force, or its sign changes; "
+                        "forces at peak velocity include the gas force"
                     )
 
     def _near(self) -> Iterator[str]:

@@ -98,7 +98,7 @@ class Reading:
     `freedom` is the number of degrees of freedom from which `std` is known: three cycles leave two, and an interval of
     twice such a standard uncertainty holds 82 %, not 95 %. `near_zero` is the size below which the value is near zero
     relative to others of its test. `gas_force` is the size of the static gas force (N) that a force at a speed
-    includes; 0 if it was not measured.
+    includes; if it was not measured, the mean of both forces of its test where it acts as a gas force does, else 0.
     """
 
     value: float
@@ -426,6 +426,8 @@ def _loop(
             calibration = abs(reading.value) * percent / 100.0
             values[quantity.key] = Reading(reading.value, reading.std, calibration, freedom=freedom)
     forces = _beside({key: values[key] for key in ("rebound_force", "jounce_force") if key in values})
+    if not gas_force_N and len(forces) > 1:
+        gas_force_N = max(0.0, -0.5 * math.fsum(force.value for force in forces.values()))
     values |= {key: replace(force, gas_force=gas_force_N) for key, force in forces.items()}
     speed_m_s = float(np.mean([loop.peak_speed_m_s for loop in members]))
     return LoopReading(motion, tuple(loop.id for loop in members), speed_m_s, values)

@@ -98,8 +98,12 @@ def _facts(compared: Comparison) -> Facts:
         facts += _differing(compared)
         for quantity in LOOP_QUANTITIES[:3]:
             summary = compared.summary(len(compared.runs) - 1, quantity.key)
-            if summary is not None and math.isfinite(summary.median_percent):
-                middle = f"{number(summary.median_percent, 2)} %"
+            if summary is not None:
+                shown = quantity.shown(compared.display)
+                middle = (
+                    f"{number(summary.median_percent, 2)} %" if math.isfinite(summary.median_percent)
+                    else f"{number(shown.signed(summary.median), 2)} {shown.unit}"
+                )
                 facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run relative to first run"))
     return Facts(tuple(facts))
 
@@ -138,7 +142,7 @@ def _peak_velocity(compared: Comparison, names: Sequence[str]) -> Blocks:
     if not cards:
         return []
     keys = tuple(Key(name, current_colour(index, len(names))) for index, name in enumerate(names))
-    note = "One point for each motion and direction; the lines connect the points."
+    note = "One point for each motion and direction; the lines connect the points. The forces include the gas force."
     return [*section("Force at peak velocity for all runs", note), Keys(keys), Cards(tuple(cards))]
 
 
