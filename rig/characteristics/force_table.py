@@ -28,7 +28,7 @@ class ForceCell:
     """Forces of one motion at one current, N; the mean over its repeats; NaN where a force is unknown.
 
     Attributes:
-        points: ids of the points.
+        points: ids of the points; `tests` in JSON is their number.
         rebound_N, compression_N: at the velocity of the row; positive and negative.
         rebound_std_N, compression_std_N: standard uncertainty from the scatter of cycles and repeats.
         peak_force_rebound_N, peak_force_compression_N: largest forces of the motion, at whatever velocity.
@@ -66,6 +66,19 @@ class ForceRow:
     frequency_Hz: float
     cells: tuple[ForceCell | None, ...]
 
+    @property
+    def tests(self) -> str:
+        """Number of tests whose mean a cell is: "mean of 3", "mean of 1 to 3", "1"."""
+        counts = sorted({len(cell.points) for cell in self.cells if cell is not None})
+        return tests_text(*counts[:1], *counts[-1:])
+
+
+def tests_text(fewest: int, most: int) -> str:
+    """How many tests a force is the mean of."""
+    if most <= 1:
+        return str(most)
+    return f"mean of {most}" if fewest == most else f"mean of {fewest} to {most}"
+
 
 @dataclass(frozen=True)
 class ForceTable:
@@ -88,6 +101,11 @@ class ForceTable:
         """Whether all motions have one amplitude, within 1 %."""
         amplitudes_m = [row.amplitude_m for row in self.rows]
         return max(amplitudes_m) <= 1.01 * min(amplitudes_m)
+
+    @property
+    def averaged(self) -> bool:
+        """Whether a cell is the mean of several tests."""
+        return any(len(cell.points) > 1 for _, _, cell in self.tested)
 
     def places(self, unit_N: float = 1.0) -> int:
         """Decimal places of all its forces: by the median of their uncertainties, at most `MOST_DIGITS` digits.
@@ -113,6 +131,8 @@ class ForceTable:
     def to_json(self) -> dict[str, Any]:
         """Plain types; null for a number that is unknown."""
         entry: dict[str, Any] = plain(self)
+        for row in entry["rows"]:
+            row["cells"] = [cell and {"tests": len(cell["points"]), **cell} for cell in row["cells"]]
         return entry
 
     @classmethod
@@ -160,4 +180,5 @@ def _mean(values: Sequence[float]) -> float:
 def _with_nan(entry: Mapping[str, Any]) -> dict[str, Any]:
     return {
         name: tuple(x) if name == "points" else math.nan if x is None else x for name, x in entry.items()
+        if name != "tests"
     }

@@ -42,7 +42,7 @@ LEVELS = {"info": "", "warning": "yellow", "error": "red"}
 def described(point: RecordedPoint, shown: Display = SI) -> str:
     """A point that was not planned here, in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
     amplitude = shown.displacement.text(point.amplitude_m)
-    return f"{point.waveform} {amplitude} {point.frequency_Hz:.4g} Hz {point.current_A:.3g} A"
+    return f"{point.waveform} {amplitude} {point.frequency_Hz:.4g} Hz {round(point.current_A, 3) + 0.0:.3g} A"
 
 
 def peaks(result: PointResult, shown: Display) -> str:

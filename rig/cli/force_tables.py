@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rig.campaign_folder import CampaignFolder
-from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceTable
+from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceTable, tests_text
 from rig.cli.output import show
 from rig.document.blocks import Blocks, Column, Paragraph, table
 from rig.signals.rounding import rounded
@@ -55,7 +55,7 @@ def _blocks(one: ForceTable, shown: Display) -> Blocks:
     head = [
         Column("current", "A", True), Column("velocity", shown.speed.unit, True), *stroke,
         Column("compression", force, True), Column("rebound", force, True), Column("peak comp.", force, True),
-        Column("peak reb.", force, True),
+        Column("peak reb.", force, True), *([Column("tests")] if one.averaged else []),
     ]  # fmt: skip
     rows = list(_rows(one, shown))
     size = "" if stroke else f", stroke {shown.displacement.text(2.0 * one.rows[0].amplitude_m)}"
@@ -80,6 +80,7 @@ def _rows(one: ForceTable, shown: Display) -> Iterator[list[str]]:
             yield [
                 f"{current_A:.3g}", f"{shown.speed.value(row.speed_m_s):.3g}", *stroke,
                 *(_signed(shown.force, force_N, places) for force_N in forces),
+                *([tests_text(len(cell.points), len(cell.points))] if one.averaged else []),
             ]  # fmt: skip
 
 

@@ -231,7 +231,7 @@ def command(
             motion = f", motion {part.number} of {part.count}" if part.number else ""
             named = f", {part.test.part}" if part.test.part else ""
             say(f"{part.test.source}{named}{motion}: {part.start_s:.4g} to {part.start_s + end_s:.4g} s, "
-                f"{len(part.test.time_s)} rows, {part.test.nominal_current_A:.4g} A")
+                f"{len(part.test.time_s)} rows, {round(part.test.nominal_current_A, 3) + 0.0:.4g} A")
         if as_json:
             listed = [{"file": part.test.source, "part": part.test.part, "read_as": part.test.read_as,
                        "rows": len(part.test.time_s), "current_A": part.test.nominal_current_A,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import fmean
 
 from rig import units
 from rig.campaign_folder import CampaignFolder
@@ -27,6 +28,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_words
 from rig.recording.tested_on import TESTED, when_tested
 from rig.report.views import AS_AMPLITUDE, MotionTerms
+from rig.signals.test_set import TESTED_SHARE
 from rig.text_file import read_bytes
 
 SEPARATOR = " \N{MIDDLE DOT} "
@@ -34,6 +36,7 @@ SPACE = "\N{NO-BREAK SPACE}"
 SPECIMEN_LABELS = {"stroke": "Stroke", "coil_resistance": "Coil resistance", "max_current": "Largest current"}
 """Entries of `[specimen]` that a customer reads; the others are in the appendix."""
 MOST_VALUES = 6
+MEASURED_DIGITS = 3
 MOST_NOTES = 12
 
 
@@ -168,9 +171,9 @@ def _instrument(attributes: Mapping[str, object]) -> str:
     return "" if not serial else f"{serial}{f', calibration due {due}' if due else ''}"
 
 
-def _values(values: Iterable[float], unit: str) -> str:
+def _values(values: Iterable[float], unit: str, digits: int = 4) -> str:
     """A few values one by one, many as a range."""
-    known = list(dict.fromkeys(map(number, sorted(values))))
+    known = list(dict.fromkeys(number(value, digits) for value in sorted(values)))
     if not known:
         return ""
     if len(known) > MOST_VALUES:
@@ -178,12 +181,27 @@ def _values(values: Iterable[float], unit: str) -> str:
     return f"{', '.join(known)} {unit}"
 
 
+def _merged(values: Sequence[float]) -> list[float]:
+    """Measured values, neighbours within `TESTED_SHARE` as their mean."""
+    groups: list[list[float]] = []
+    for value in sorted(values):
+        if groups and value <= (1.0 + TESTED_SHARE) * groups[-1][0]:
+            groups[-1].append(value)
+        else:
+            groups.append([value])
+    return [fmean(group) for group in groups]
+
+
 def _motions(points: Sequence[RecordedPoint], display: Display, terms: MotionTerms) -> str:
     lines = []
     for waveform in dict.fromkeys(point.waveform for point in points if point.has_frequency and not point.at_rest):
         own = [point for point in points if point.waveform == waveform and point.has_frequency]
         shown, speed = display.displacement, display.speed
-        sizes = _values((shown.value(terms.length_m(point.amplitude_m)) for point in own), shown.unit)
+        lengths = [shown.value(terms.length_m(point.amplitude_m)) for point in own]
+        sizes = (
+            _values(lengths, shown.unit) if all(point.motion_requested for point in own)
+            else _values(_merged(lengths), shown.unit, MEASURED_DIGITS)
+        )
         if terms.by_speed(waveform):
             speeds_m_s = (point.peak_speed_m_s for point in own)
             rates = f"peak velocity {_values(map(speed.value, speeds_m_s), speed.unit)}"

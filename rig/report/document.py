@@ -302,16 +302,23 @@ def facts_of(of: Material) -> Facts:
         Fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", severity)
         for verdict, severity in (("suspect", FAIR), ("invalid", POOR)) if _count(run, verdict)
     ]
-    return Facts((*facts, *_lost(run), *_largest(of), *_verdict(fit)))
+    return Facts((*facts, *_lost(run), *largest_forces(of), *_verdict(fit)))
 
 
-def _largest(of: Material) -> list[Fact]:
-    """The greatest force of the force tables in each direction as they show it, and where."""
+def largest_forces(of: Material) -> list[Fact]:
+    """The greatest force of the force tables in each direction as they show it, and where.
+
+    "none" where all forces act in the other direction.
+    """
     shown, facts = of.display, list[Fact]()
     for name, rebound in (("rebound", True), ("compression", False)):
         most = greatest(of.characteristics.force_tables, rebound=rebound)
         if most is not None:
             table, current_A, row, cell = most
+            if (cell.rebound_N if rebound else -cell.compression_N) <= 0.0:
+                other = "compression: the gas force exceeds the damping force" if rebound else "rebound"
+                facts.append(Fact("none", f"{name} force at {table.kind}: all forces act in {other}"))
+                continue
             at = f"{number(current_A, 3)} A, {shown.speed.text(row.speed_m_s, 3)}"
             force = f"{force_text(table, cell, shown, rebound=rebound)} {shown.force.unit}"
             facts.append(Fact(force, f"greatest {name} force at {table.kind} ({at})"))

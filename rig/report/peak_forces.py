@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceCell, ForceRow, ForceTable
+from rig.characteristics.force_table import CONSTANT_VELOCITY, ForceCell, ForceRow, ForceTable, tests_text
 from rig.characteristics.loop import LoopCharacteristics
 from rig.display import Display
 from rig.document.blocks import Beside, Blocks, Column, Figures, Head, Heading, Keys, Paragraph, Row, table
@@ -17,6 +17,7 @@ from rig.document.numbers import NOTHING, number, signed
 from rig.document.style import current_colour
 from rig.document.words import Key, Strong, Words
 from rig.report.views import AS_AMPLITUDE, MotionTerms, PointView
+from rig.signals.arrays import FloatArray
 from rig.signals.rounding import rounded
 
 T = TypeVar("T")
@@ -42,7 +43,9 @@ def peak_forces(
     figure = peak_velocity_plot(tables, display)
     if figure is None:
         return [Heading(TITLE, listed="Forces"), *shown, note]
-    plot = (Keys(current_keys(_levels(tables))), Figures((figure,)))
+    both = len({one.kind for one in tables}) > 1
+    marks = "Crosses: triangle at constant velocity; dots: other waveforms. " if both else ""
+    plot = (Keys(current_keys(_levels(tables)), marks), Figures((figure,)))
     return [Heading(TITLE, listed="Forces"), Beside(plot, (*shown, note), SHARE)]
 
 
@@ -78,11 +81,19 @@ def peak_velocity_plot(tables: Sequence[ForceTable], display: Display) -> Figure
             for forces_N in ([cell.rebound_N for _, cell in known], [cell.compression_N for _, cell in known]):
                 forces = display.force.signed(np.array(forces_N))
                 traces += [Trace(speeds, forces, name=name, colour=colour)] if len(known) > 1 else []
-                traces.append(Trace(speeds, forces, Style.POINTS, name, colour))
+                if one.kind == CONSTANT_VELOCITY:  # each on its own is drawn as a cross
+                    traces.append(Trace(_apart(speeds), _apart(forces), name=name, colour=colour))
+                else:
+                    traces.append(Trace(speeds, forces, Style.POINTS, name, colour))
             top = max([top, *speeds.tolist()])
     force = Axis("Force at peak velocity", display.force.unit)
     speed = Axis("Peak velocity", display.speed.unit, (0.0, 1.05 * top or 1.0))
     return Figure(speed, force, traces, 480, 300, title="Peak-velocity plot (PVP)")
+
+
+def _apart(values: FloatArray) -> FloatArray:
+    """Values (n,) with a gap after each, (2 n,)."""
+    return np.column_stack([values, np.full(len(values), math.nan)]).ravel()
 
 
 def _table(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
@@ -103,6 +114,7 @@ def _by_velocity_and_current(of: ForceTable, display: Display, terms: MotionTerm
     head: list[Head] = [
         Column("Velocity", display.speed.unit), *([] if of.constant_stroke else [Column("Motion")]),
         *(Column(f"{number(current_A)} A", "", True) for current_A in of.currents_A),
+        *([Column("Tests")] if of.averaged else []),
     ]  # fmt: skip
     rows: list[Row] = []
     for title, rebound in (("Rebound", True), ("Compression", False)):
@@ -110,7 +122,8 @@ def _by_velocity_and_current(of: ForceTable, display: Display, terms: MotionTerm
         for one in rows_of:
             motion = [] if of.constant_stroke else [terms.size(of.waveform, one.amplitude_m, one.frequency_Hz, display)]
             forces = [NOTHING if cell is None else force_text(of, cell, display, rebound=rebound) for cell in one.cells]
-            rows.append(Row((number(display.speed.value(one.speed_m_s), 3), *motion, *forces)))
+            tests = [one.tests] if of.averaged else []
+            rows.append(Row((number(display.speed.value(one.speed_m_s), 3), *motion, *forces, *tests)))
     size = f", {terms.length(of.rows[0].amplitude_m, display)}" if of.constant_stroke else ""
     return [table(head, rows, title=_title(of, display) + size), *_more(more)]
 
@@ -120,12 +133,14 @@ def _listed(of: ForceTable, display: Display, terms: MotionTerms) -> Blocks:
     head: list[Head] = [
         Column("Current", "A", True), Column("Velocity", display.speed.unit, True), Column("Rebound", "", True),
         Column("Compression", "", True), Column("Motion"),
+        *([Column("Tests")] if of.averaged else []),
     ]  # fmt: skip
     shown, more = _some(sorted(of.tested, key=lambda test: test[0]), MOST_ROWS)  # by velocity within each current
     rows: list[list[Words]] = [
         [number(current_A), number(display.speed.value(row.speed_m_s), 3), force_text(of, cell, display, rebound=True),
          force_text(of, cell, display, rebound=False),
-         terms.size(of.waveform, row.amplitude_m, row.frequency_Hz, display)] for current_A, row, cell in shown
+         terms.size(of.waveform, row.amplitude_m, row.frequency_Hz, display),
+         *([tests_text(len(cell.points), len(cell.points))] if of.averaged else [])] for current_A, row, cell in shown
     ]  # fmt: skip
     return [table(head, rows, title=_title(of, display)), *_more(more)]
 

@@ -277,7 +277,8 @@ def _two_dampers(start: Start) -> Iterator[Trial]:
     fitted, reached = start.fitted, two_groups(start.damper, start.base, start.parts)
     if reached is None or reached.predicted < WORTH_PARTING:
         return
-    if not _parted_by_motion_or_warmth(fitted.tests, reached.second):
+    if not (_parted_by_motion_or_warmth(fitted.tests, reached.second)
+            or is_level_of_current(fitted.tests, reached.second)):  # fmt: skip
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
         amounts = len(fitted.names) + _each(fitted.tests)  # another damper, and whose each test is
@@ -296,6 +297,14 @@ def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray)
         return False
     means = [float(np.mean(test.temperature_degC)) for test in tests if test.temperature_degC is not None]
     return _all_above(np.array(means), second, SMALLEST_TEMPERATURE_SPAN_K)
+
+
+def is_level_of_current(tests: Sequence[Measurement], second: BoolArray) -> bool:
+    """Whether one part is all tests at one level of current: what a model lacks there parts them like that."""
+    levels = current_levels([test.current or CurrentReading(float(np.mean(test.current_A))) for test in tests])
+    parts = [{level for level, side in zip(levels.of_test, second.tolist(), strict=True) if side == which}
+             for which in (True, False)]  # fmt: skip
+    return not parts[0] & parts[1] and any(len(part) == 1 for part in parts)
 
 
 def _all_above(values: FloatArray, second: BoolArray, by: float) -> bool:

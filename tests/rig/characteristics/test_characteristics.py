@@ -97,6 +97,8 @@ def test_the_force_table_has_a_row_for_each_velocity_and_a_column_for_each_curre
     written = json.loads(json.dumps([one.to_json() for one in tables], allow_nan=False))
     assert written[1]["rows"][0]["cells"][0]["rebound_N"] is None
     assert ForceTable.from_json(written[0]) == tables[0]
+    assert [row["cells"][0]["tests"] for row in table.to_json()["rows"]] == [1, 2]
+    assert (table.averaged, tables[0].averaged, table.rows[1].tests) == (True, False, "mean of 1 to 2")
 
 
 @pytest.mark.parametrize("rate_Hz", [250.0, 1000.0, 10_000.0])

@@ -230,6 +230,11 @@ def test_force_tables_have_a_row_for_each_current_and_velocity_in_the_units_of_t
     show(force_blocks([ForceTable("constant velocity", "triangle", (0.0, 1.5), rows[:1])], Display()), console)
     assert "Force at constant velocity, triangle, stroke 50.8 mm" in text.getvalue()
     assert "-889.6" in text.getvalue()
+    assert "mean of" not in text.getvalue()
+    several = (replace(rows[0], cells=(replace(cell, points=("p001", "p002", "p003")), None)), rows[1])
+    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), several)], us), console)
+    shown_rows = text.getvalue().splitlines()[-2:]
+    assert [row.split()[7:] for row in shown_rows] == [["mean", "of", "3"], ["1"]]
 
 
 FITTED = ErrorSummary(5.0, 4.0, nrmse_percent_of_peak=1.0, per_test=(TestError("p001"),))

@@ -12,6 +12,7 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.diagnosis.stretches import path_since_reversal_m
+from rig.identification.diagnosis.trials import is_level_of_current
 from rig.identification.remarks import some
 from rig.identification.runs import write_fit
 
@@ -195,6 +196,13 @@ def test_tests_of_two_dampers_are_distinguished() -> None:
     fit = identify(damper_tests(values_of=lambda number: other if number in {1, 4, 7, 8} else DEMO))
     assert named_first(fit) == "mixed-specimens"
     assert "p002, p005, p008 and 1 more" in fit.diagnosis[0].text
+
+
+def test_all_tests_at_one_current_are_no_second_damper() -> None:
+    tests = damper_tests()
+    zero = np.array([test.nominal_current_A == 0.0 for test in tests])
+    part_of_zero = zero & (np.arange(len(tests)) > 0)
+    assert [is_level_of_current(tests, second) for second in (zero, ~zero, part_of_zero)] == [True, True, False]
 
 
 def test_a_model_that_does_not_have_the_amplitude_makes_no_second_damper() -> None:

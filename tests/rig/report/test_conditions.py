@@ -2,12 +2,16 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
 from rig.characteristics.force_table import ForceCell, ForceRow, ForceTable
 from rig.display import Display
+from rig.document.figure import Style
 from rig.document.html import fragment
 from rig.recording.journal.campaign_log import CampaignLog, read_log
 from rig.recording.point_attributes import NOT_STATED, Commanded
@@ -16,8 +20,8 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.report.cover import Details, conditions
 from rig.report.display_text import in_display
-from rig.report.document import unfinished
-from rig.report.peak_forces import force_text, greatest, peak_forces
+from rig.report.document import Material, largest_forces, unfinished
+from rig.report.peak_forces import force_text, greatest, peak_forces, peak_velocity_plot
 from rig.report.point_tables import point_details
 from rig.report.views import MotionTerms, PointView
 
@@ -60,6 +64,12 @@ def test_the_stroke_of_the_specimen_is_stated_in_the_unit_of_the_display() -> No
     page = fragment(conditions(run, details, Display.of({"displacement": "in"})))
     assert "6.693 in" in page
     assert "5 ohm" in page
+    inch = [
+        replace(run.points[0], amplitude_m=size_m, test={"motion_measured": True})
+        for size_m in (0.025397, 0.0254, 0.0508)
+    ]
+    page = fragment(conditions(replace(run, points=tuple(inch)), details, Display.of({"displacement": "in"})))
+    assert "sine, amplitude 1, 2 in, 2 Hz" in page
     assert "170 mm" in fragment(conditions(run, details, Display()))
 
 
@@ -80,6 +90,11 @@ def test_the_greatest_forces_are_those_of_each_direction_where_the_gas_force_exc
     )
     table = ForceTable("peak velocity", "sine", (0.0,), (slow, fast))
     us = Display.of({"force": "lbf", "displacement": "in", "speed": "in/s", "positive": "compression"})
+    material = SimpleNamespace(display=us, characteristics=SimpleNamespace(
+        force_tables=[ForceTable("peak velocity", "sine", (0.0,), (slow,))]
+    ))  # fmt: skip
+    rebound_fact, compression_fact = largest_forces(cast("Material", material))
+    assert (rebound_fact.value, compression_fact.value) == ("none", "67.59 lbf"), "the gas force exceeds the damping"
     for rebound, force in ((True, "\N{MINUS SIGN}12.5"), (False, "102.0")):
         found = greatest([table], rebound=rebound)
         assert found is not None
@@ -87,6 +102,17 @@ def test_the_greatest_forces_are_those_of_each_direction_where_the_gas_force_exc
         assert force_text(table, found[3], us, rebound=rebound) == force
     assert force_text(table, ForceCell((), -219.05, 0.0, 0.03, 0.03, 0.0, 0.0), us, rebound=True) == "49.2"
     page = fragment(peak_forces([table], us, gas="60.7 lbf"))
+    assert "mean of" not in page
+    repeated = replace(slow, cells=(replace(slow.cells[0], points=("p001", "p002")),))
+    assert "mean of 2" in fragment(peak_forces([ForceTable("peak velocity", "sine", (0.0,), (repeated, fast))], us))
+    flank = ForceTable("constant velocity", "triangle", (0.0,), (replace(slow, speed_m_s=0.1),))
+    plot = peak_velocity_plot([table, flank], us)
+    assert plot is not None
+    crosses, dots = ([trace for trace in plot.traces if (trace.style is Style.POINTS) is points and (
+        "triangle" in trace.name) is not points] for points in (False, True))
+    assert [len(trace.x) for trace in dots] == [2, 2], "no point of the triangle"
+    assert [np.isfinite(trace.x).tolist() for trace in crosses] == [[True, False]] * 2
+    assert "Crosses: triangle at constant velocity" in fragment(peak_forces([table, flank], us))
     assert "A positive rebound force means that the gas force exceeds the damping force." in page
     table = ForceTable("peak velocity", "sine", (0.0,), (fast,))
     assert "positive rebound force" not in fragment(peak_forces([table], us))
