@@ -28,7 +28,7 @@ from rig.recording.hdf5.reading import check_values
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.point_files import FILE, OLD_FILE, names_in
-from rig.recording.quality.point_quality import LoopQuality
+from rig.recording.quality.point_quality import LoopQuality, PointQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import ENDURANCE, TestPoint
 
@@ -297,9 +297,12 @@ def _damage(file: Path) -> tuple[str, ...]:
 
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
     loop = recorded.quality.loop
-    peaks = LoopQuality(rebound_N=loop.rebound_N, compression_N=loop.compression_N).numbers
+    shown = PointQuality(
+        loop=LoopQuality(rebound_N=loop.rebound_N, compression_N=loop.compression_N),
+        coil_low_degC=recorded.quality.coil_low_degC, coil_high_degC=recorded.quality.coil_high_degC,
+    )
     return PointResult(
-        point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples, peaks,
+        point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples, shown.numbers,
         recorded.commanded.iterated,
     )
 

@@ -104,8 +104,8 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     held_out = [selection.holds(SimpleNamespace(**vars(point), verdict="valid")) for point in loops]
     fitted = [point for point, out in zip(loops, held_out, strict=True) if not out]
     if len(fitted) == len(loops):
-        return [f'holdout = "{text}": matches none of the {len(loops)} points; no validation points would be '
-            "left"], loops
+        return [f'holdout = "{text}": matches none of the {len(loops)} points; '
+            f"{selection.values_of(loops)}; no validation points would be left"], loops
     if not fitted:
         return [f'holdout = "{text}": matches all {len(loops)} points; no points would be left to fit'], loops
     return [], fitted

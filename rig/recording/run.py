@@ -42,6 +42,8 @@ BLOCK_NAME = re.compile(r"-b\d+(-attempt\d+)?$")
 """Names of the files of blocks of endurance tests; other points may have such names, too."""
 MOST_IDS = 12
 """Ids of points that a message lists."""
+MOST_VALUES = 12
+"""Values of an attribute that a message lists."""
 EXACT = 1e-6
 """Relative difference of a number in a filter from a requested one that is only rounding."""
 
@@ -78,6 +80,22 @@ class Selection:
         """True when the point meets every condition; measured values (of an imported test) need only be near."""
         return all(any(_equal(point, name, value) for value in values) for name, values in self.conditions)
 
+    def values_of(self, points: Iterable[object]) -> str:
+        """The values that points have of the attributes in the conditions, for a message about a filter without match.
+
+        For example "they have frequency_Hz=0.5|1|1.5"; at most `MOST_VALUES` of an attribute.
+        """
+        listed = []
+        points = tuple(points)
+        for name in dict.fromkeys(name for name, _ in self.conditions):
+            if name in TEXTS:
+                texts = list(dict.fromkeys(str(getattr(point, name)) for point in points))
+            else:
+                texts = sorted({text for point in points if (text := _number_text(point, name))}, key=float)
+            more = f" and {len(texts) - MOST_VALUES} more" if len(texts) > MOST_VALUES else ""
+            listed.append(f"{name}={'|'.join(texts[:MOST_VALUES])}{more}" if texts else f"no {name}")
+        return f"they have {', '.join(listed)}"
+
 
 def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     name, separator, value = (piece.strip() for piece in part.partition("="))
@@ -94,6 +112,15 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
         return name, tuple(float(item) for item in value.split("|"))
     except ValueError as error:
         raise ValueError(f"{name} = {value!r}: expected a number in the unit that the name states") from error
+
+
+def _number_text(point: object, name: str) -> str:
+    """A number of a point in as few digits as a filter needs to match it; empty if it has none."""
+    value = getattr(point, name)
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        return ""
+    short = f"{value:.4g}"
+    return short if _equal(point, name, float(short)) else f"{value:.9g}"
 
 
 def _equal(point: object, name: str, required: str | float) -> bool:

@@ -12,7 +12,7 @@ from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
 from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.points.preparation import prepare_all
-from rig.recording.run import Run
+from rig.recording.run import Run, Selection
 from rig.study.study_file import Data
 from rig.test_point import LOOP
 
@@ -164,9 +164,11 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
         )
     fitting = [point for run in runs for point in (run.select(data.select) if data.select else run.points)]
     if not fitting:
+        every = [point for run in runs for point in run.points]
         raise FileProblem("[data] select", [f"{data.select!r} matches none of the "
-                                            f"{sum(len(run.points) for run in runs)} points of "
-                                            f"{', '.join(data.runs)}"])  # fmt: skip
+                                            f"{len(every)} points of "
+                                            f"{', '.join(data.runs)}; "
+                                            f"{Selection.parse(data.select).values_of(every)}"])  # fmt: skip
     loops = [point for point in fitting if point.kind == LOOP]
     if not loops:
         raise FileProblem("[data] runs", [f"none of the {len(fitting)} points contains loops; expected at least one"])

@@ -121,7 +121,8 @@ def _recorded(
         kept_out = [point for point in points if selection.holds(point)]
         points = [point for point in points if not selection.holds(point)]
         if not kept_out:
-            raise IdentificationFailed(f"holdout: {holdout!r} matches none of the {len(points)} points")
+            raise IdentificationFailed(f"holdout: {holdout!r} matches none of the {len(points)} points; "
+                                       f"{selection.values_of(points)}")
         if not points:
             raise IdentificationFailed(f"holdout: {holdout!r} matches every point, so no test remains for the fit")
     elif holdout is not None:

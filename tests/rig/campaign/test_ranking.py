@@ -147,6 +147,14 @@ def test_the_next_session_tells_of_records_out_of_tolerance_what_their_own_sessi
     assert (again.file, again.verdict, again.reasons) == (result.file, result.verdict, result.reasons)
 
 
+def test_a_resumed_campaign_knows_the_coil_temperatures_of_the_points_before(tmp_path: Path) -> None:
+    write(tmp_path, 1, "valid")
+    with h5py.File(tmp_path / "points" / "p001.h5", "r+") as file:
+        file["entry/quality"].attrs.update({"coil_temperature_low_degC": 24.5, "coil_temperature_high_degC": 31.0})
+    (result,) = take_stock(tmp_path, (POINT,)).results
+    assert result.to_json()["quality"] == {"coil_temperature_low_degC": 24.5, "coil_temperature_high_degC": 31.0}
+
+
 def test_a_file_that_was_set_aside_is_reported_where_a_later_session_left_none_and_is_never_kept(
     tmp_path: Path,
 ) -> None:

@@ -21,8 +21,8 @@ POINTS = load_matrix(EXAMPLES / "quick.toml").points()
 @pytest.mark.parametrize(
     ("expected", "message"),
     [
-        ({"holdout": "waveform=triangle"}, "matches none of the 2 points"),
-        ({"holdout": "current_A=7"}, "matches none of the 2 points"),
+        ({"holdout": "waveform=triangle"}, "matches none of the 2 points; they have waveform="),
+        ({"holdout": "current_A=7"}, "matches none of the 2 points; they have current_A="),
         ({"holdout": "waveform=sine"}, "matches all 2 points"),
         ({"holdout": "current_A=0.5|1.5"}, "matches all 2 points"),
         ({"holdout": "verdict=valid"}, "matches all 2 points"),

@@ -109,7 +109,7 @@ def test_only_the_loops_of_a_held_out_run_are_scored(demo_points: list[RecordedP
 
 
 def test_a_holdout_that_matches_nothing_or_everything_is_refused(demo_points: list[RecordedPoint]) -> None:
-    with pytest.raises(IdentificationFailed, match="matches none of the 9 points"):
+    with pytest.raises(IdentificationFailed, match="matches none of the 9 points; they have waveform=sine"):
         identify(demo_points, holdout="waveform=triangle")
     with pytest.raises(IdentificationFailed, match="no test remains for the fit"):
         identify(demo_points, holdout="waveform=sine")
