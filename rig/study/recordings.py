@@ -165,10 +165,10 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
     fitting = [point for run in runs for point in (run.select(data.select) if data.select else run.points)]
     if not fitting:
         every = [point for run in runs for point in run.points]
+        values_text = f"; {Selection.parse(data.select).values_of(every)}" if data.select else ""
         raise FileProblem("[data] select", [f"{data.select!r} matches none of the "
                                             f"{len(every)} points of "
-                                            f"{', '.join(data.runs)}; "
-                                            f"{Selection.parse(data.select).values_of(every)}"])  # fmt: skip
+                                            f"{', '.join(data.runs)}{values_text}"])  # fmt: skip
     loops = [point for point in fitting if point.kind == LOOP]
     if not loops:
         raise FileProblem("[data] runs", [f"none of the {len(fitting)} points contains loops; expected at least one"])
