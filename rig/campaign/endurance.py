@@ -180,6 +180,6 @@ def summary_of(test: Mapping[str, Any]) -> str:
     if test["cycles_unrecorded_at_most"]:
         parts.append(f"up to {test['cycles_unrecorded_at_most']:,} more cycles ran without a record")
     for rule in test["rules"]:
-        if rule["value"] is not None:
+        if rule["value"] is not None or rule.get("not_evaluated"):
             parts.append(rule["text"])
     return "; ".join(parts)

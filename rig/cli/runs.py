@@ -133,7 +133,7 @@ def _summary(place: Path) -> dict[str, Any]:
             warnings.simplefilter("ignore", DataWarning)  # it is the remark
             run = Run.open(place)
         summary["remark"] = "; ".join(run.unreadable)
-        verdicts = [point.verdict for point in run.points]
+        verdicts = [point.verdict for point in run.judged]
         summary |= {"points": len(verdicts), "valid": verdicts.count("valid")}
         summary |= dict.fromkeys(("out_of_tolerance", "apart"), len(run.apart))
         summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")

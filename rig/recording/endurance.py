@@ -33,6 +33,7 @@ from rig.signals.wear_trend import (
     forecast,
     reached_by,
     sections_of,
+    why_not_evaluated,
 )
 from rig.test_point import ENDURANCE, EnduranceStep
 from rig.text_file import read_json
@@ -57,6 +58,7 @@ class BlockPiece:
         verdict: of the file.
         sections: of its cycles; none of a piece of a block with too few cycles to be compared.
         file: its name.
+        reasons: for the verdict.
     """
 
     point: str
@@ -67,6 +69,7 @@ class BlockPiece:
     verdict: str
     sections: Sections
     file: str = ""
+    reasons: tuple[str, ...] = ()
 
 
 def read_piece(file: Path) -> BlockPiece | None:
@@ -101,6 +104,7 @@ def piece_of(recorded: RecordedPoint, file: Path) -> BlockPiece | None:
         str(recorded.provenance.get("point", recorded.id)), step, counted.cycles_run or 0,
         counted.cycles_recorded or 0, counted.unseen_cycles or 0, recorded.verdict,
         sections_of(numbers, step.block, statistics, groups) if judged else NO_SECTIONS, file.name,
+        tuple(recorded.reasons),
     )
 
 
@@ -247,12 +251,17 @@ class EnduranceLedger:
     def _rule_json(self, rule: StopRule) -> dict[str, Any]:
         followed = self.followed(rule)
         change = followed.change
-        value, expected = _last_known(change), followed.forecast
+        value, expected, why = _last_known(change), followed.forecast, self.why_not_evaluated(rule)
         return {
             "name": rule.name, "limit": rule.limit, "relative": rule.kind.relative, "value": value,
             "forecast": {**expected._asdict(), "reason": expected.reason or None},
-            "text": rule_text(rule, value, expected),
+            "text": rule_text(rule, value, expected, why), "not_evaluated": why or None,
         }
+
+    def why_not_evaluated(self, rule: StopRule) -> str:
+        """Why a rule is evaluated for none of the cycles although they were measured; otherwise empty."""
+        reasons = [why_not_evaluated(rule, group, self._run_in) for group in self.sections.groups if len(group)]
+        return reasons[0] if reasons and all(reasons) else ""
 
     def followed(self, rule: StopRule) -> FollowedRule:
         """How far each section is toward a rule's limit, and when it will be reached.
@@ -319,16 +328,19 @@ def _motion(point: RecordedPoint) -> tuple[object, ...]:
     return point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, point.repeat
 
 
-def rule_text(rule: StopRule, value: float | None, expected: Forecast) -> str:
+def rule_text(rule: StopRule, value: float | None, expected: Forecast, why: str = "") -> str:
     """How far a stop rule is, and when it will be reached, or why that is not known.
 
     Args:
         rule: the rule.
         value: the last change toward its limit, as the limit is stated; None: unknown.
         expected: the forecast.
+        why: why the rule is not evaluated; empty where it is.
     """
     scale, unit = (100.0, "%") if rule.kind.relative else (1.0, "degC")
     limit = f"limit {scale * rule.limit:.3g} {unit}"
+    if why:
+        return f"{rule.kind.words} not evaluated ({limit}): {why}"
     if value is None:
         return f"{rule.kind.words} unknown ({limit}): {'no baseline yet' if rule.kind.relative else 'not measured'}"
     text = f"{rule.kind.words} {scale * value or 0.0:.3g} {unit} ({limit}"

@@ -40,6 +40,7 @@ MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 BLOCK_NAME = re.compile(r"-b\d+(-attempt\d+)?$")
 """Names of the files of blocks of endurance tests; other points may have such names, too."""
+WORST_FIRST = ("invalid", "suspect", "valid")
 MOST_IDS = 12
 """Ids of points that a message lists."""
 MOST_VALUES = 12
@@ -315,6 +316,22 @@ class Run:
         return tuple(point for point in self.usable if point.verdict == "valid")
 
     @property
+    def judged(self) -> tuple[RecordedPoint, ...]:
+        """One recording of each point, whose verdict is that of the point.
+
+        A block of an endurance test that was interrupted and continued has several recordings, which together are the
+        block: the best verdict counts, then the latest recording, as while the campaign runs.
+        """
+        blocks: dict[str, RecordedPoint] = {}
+        for number, point in enumerate(self.points):
+            block = point.kind == ENDURANCE and point.endurance is not None
+            name = f"block {point.provenance.get('point', point.id)}" if block else f"point {number}"
+            known = blocks.get(name)
+            if known is None or _piece_rank(point) >= _piece_rank(known):
+                blocks[name] = point
+        return tuple(blocks.values())
+
+    @property
     def usable(self) -> tuple[RecordedPoint, ...]:
         """The points a fit can use when told so: all but the invalid ones and those of endurance tests."""
         return tuple(point for point in self.points if point.verdict != "invalid" and not point.after_cycles)
@@ -346,6 +363,12 @@ class Run:
             "lost_samples", "skew_s", "skew_std_s", "path",
         )
         return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in (*self.points, *self.apart)])
+
+
+def _piece_rank(point: RecordedPoint) -> tuple[int, int]:
+    """Of the recordings of a block, the one with the highest rank is the block's."""
+    before = 0 if point.endurance is None else point.endurance.cycles_before
+    return WORST_FIRST.index(point.verdict) if point.verdict in WORST_FIRST else -1, before
 
 
 def _opened(file: Path) -> RecordedPoint:

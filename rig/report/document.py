@@ -54,7 +54,7 @@ from rig.report.acceptance import acceptance_section, specimen_fact, specimen_no
 from rig.report.budget import budget
 from rig.report.cover import Details as CoverDetails
 from rig.report.cover import conditions, cover, mark_of, matrix_tables
-from rig.report.endurance import endurance_section
+from rig.report.endurance import endurance_facts, endurance_section
 from rig.report.events import events
 from rig.report.hybrid import hybrid_section
 from rig.report.instruments import calibrations, doubts_of, instruments, sensors_of
@@ -294,7 +294,7 @@ def facts_of(of: Material) -> Facts:
     """The result in a few numbers: are the tests valid, how large are the forces, does a model fit."""
     run, fit = of.run, of.fit
     valid = _count(run, "valid")
-    total = max(len(run.points), len(set(planned_points(run.campaign)) - withdrawn_points(run.path)))
+    total = max(len(run.judged), len(set(planned_points(run.campaign)) - withdrawn_points(run.path)))
     severity = GOOD if valid == total else POOR if valid == 0 else FAIR
     facts = [] if of.specimen is None else [specimen_fact(of.specimen)]
     facts.append(Fact(f"{valid} of {total}", "points valid", severity))
@@ -302,7 +302,7 @@ def facts_of(of: Material) -> Facts:
         Fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", severity)
         for verdict, severity in (("suspect", FAIR), ("invalid", POOR)) if _count(run, verdict)
     ]
-    return Facts((*facts, *_lost(run), *largest_forces(of), *_verdict(fit)))
+    return Facts((*facts, *_lost(run), *endurance_facts(of.endurance), *largest_forces(of), *_verdict(fit)))
 
 
 def largest_forces(of: Material) -> list[Fact]:
@@ -403,9 +403,15 @@ def unfinished(run: Run, log: Sequence[JsonObject]) -> Blocks:
 def warnings(run: Run) -> Blocks:
     """What a reader must know before believing the measurements."""
     notes: Blocks = [Note(POOR, line) for line in run.unreadable]
-    if count := _count(run, "invalid"):
+    blocks = [point.verdict for point in run.judged if point.kind == ENDURANCE]
+    if count := _count(run, "invalid") - blocks.count("invalid"):
         notes.append(Note(POOR, f"{_points(count)} invalid and not used; see the remarks in the full report."))
-    if count := _count(run, "suspect"):
+    if count := sum(verdict != "valid" for verdict in blocks):
+        which = "1 block of an endurance test is" if count == 1 else f"{count} blocks of endurance tests are"
+        counted = "its cycles are counted" if count == 1 else "their cycles are counted"
+        notes.append(Note(POOR if "invalid" in blocks else FAIR,
+                          f"{which} not valid; {counted}. The full report states the reasons."))
+    if count := _count(run, "suspect") - blocks.count("suspect"):
         use = Code("rig identify --suspect")
         stated = f"{_points(count)} suspect and excluded from the fit; to include suspect points, use "
         notes.append(Note(FAIR, (stated, use, ".")))
@@ -473,4 +479,4 @@ def provenance(run: Run, fit: FitRecord | None, details: CoverDetails) -> Blocks
 
 
 def _count(run: Run, verdict: str) -> int:
-    return sum(point.verdict == verdict for point in run.points)
+    return sum(point.verdict == verdict for point in run.judged)

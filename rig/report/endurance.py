@@ -69,6 +69,32 @@ def endurance_section(tests: Sequence[EnduranceTest], display: Display) -> Block
     return parts
 
 
+def endurance_facts(tests: Sequence[EnduranceTest]) -> list[Fact]:
+    """Each test in one fact: cycles, the stop rule that ended it, and the last value of the rules."""
+    return [_endurance_fact(test) for test in tests]
+
+
+def _endurance_fact(test: EnduranceTest) -> Fact:
+    shown = test.to_json()
+    state, ended = str(shown["state"]), shown["ended_by"]
+    cycles = f"{shown['cycles_run']:,}" if ended else f"{shown['cycles_run']:,} of {shown['cycles_planned']:,}"
+    parts = [f"cycles of the endurance test {shown['id']}"]
+    if ended:
+        parts = [f"{parts[0]}, of {shown['cycles_planned']:,} planned", f"ended by a stop rule: {RULES[ended].words}"]
+    for rule in test.ledger.rules:
+        known = _known(test.ledger.followed(rule).change)
+        if known.size:
+            parts.append(f"{rule.kind.words} {_value(rule, float(known[-1]))} (limit {_value(rule, rule.limit)})")
+        elif test.ledger.why_not_evaluated(rule):
+            parts.append(f"{rule.kind.words} not evaluated")
+    return Fact(cycles, "; ".join(parts), {COMPLETE: GOOD, ENDED: FAIR}.get(state, PLAIN))
+
+
+def _known(change: FloatArray) -> FloatArray:
+    """Without the sections that have no statistics, as the last one may."""
+    return change[np.isfinite(change)]
+
+
 def _counts(test: EnduranceTest) -> Blocks:
     shown = test.to_json()
     state = str(shown["state"])
@@ -88,16 +114,18 @@ def _counts(test: EnduranceTest) -> Blocks:
 
 
 def _rules(test: EnduranceTest) -> Blocks:
-    rows = []
+    rows, notes = [], list[str]()
     for rule in test.ledger.rules:
         followed = test.ledger.followed(rule)
         change, expected = followed.change, followed.forecast
-        known = change[np.isfinite(change)]  # the last section may have no statistics
+        known = _known(change)
+        if why := test.ledger.why_not_evaluated(rule):
+            notes.append(f"{capitalised(rule.kind.words)} was not evaluated: {why}.")
         last = float(known[-1]) if known.size else np.nan
         cycles, interval = _forecast(expected)
         cells = (capitalised(rule.kind.words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
         rows.append(Row(cells, _severity(rule, last)))
-    return [table(RULE_HEAD, rows)] if rows else []
+    return [table(RULE_HEAD, rows), *(Note(FAIR, note) for note in notes)] if rows else []
 
 
 def _severity(rule: StopRule, last: float) -> Severity:
@@ -287,7 +315,8 @@ def _interrupted(test: EnduranceTest) -> Blocks:
     """The blocks that were interrupted or whose verdict is not valid."""
     rows = [
         (str(piece.step.block), piece.file.removesuffix(".h5"), f"{piece.step.cycles_before:,}", f"{piece.run:,}",
-         f"{piece.recorded:,}", f"up to {piece.unseen:,}" if piece.unseen else NOTHING, piece.verdict)
+         f"{piece.recorded:,}", f"up to {piece.unseen:,}" if piece.unseen else NOTHING, piece.verdict,
+         "; ".join(piece.reasons) or NOTHING)
         for piece in test.ledger.pieces if piece.verdict != "valid"
     ]
     further = len(rows) - MOST_LISTED
@@ -296,6 +325,7 @@ def _interrupted(test: EnduranceTest) -> Blocks:
     head = (
         Column("Block", "", True), Column("File"), Column("Cycles before", "", True), Column("Cycles run", "", True),
         Column("With statistics", "", True), Column("Without a record", "", True), Column("Verdict"),
+        Column("Reasons"),
     )  # fmt: skip
     more = [Paragraph(f"{further:,} further blocks that are not valid are omitted.", small=True)] if further > 0 else []
     return [Heading("Blocks that are not valid", 3), table(head, rows[:MOST_LISTED]), *more]

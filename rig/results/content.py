@@ -97,14 +97,15 @@ def content_of(folder: Path) -> Content:
         remarks.append(f"{Path(error.file).name}: {error.problems[0]}")
     else:
         children |= {} if fit is None else {"fits": [_fit(fit)], "parameters": list(_parameters(fit))}
-    bench_verdict = _worst(run)
+    judged = () if run is None else run.judged
+    bench_verdict = _worst(judged)
     planned = _planned(folder, campaign)
-    children["verdicts"] = [_bench_verdict(bench_verdict, run, planned), *_specimen_verdicts(folder, remarks)]
+    children["verdicts"] = [_bench_verdict(bench_verdict, judged, planned), *_specimen_verdicts(folder, remarks)]
     undecided = NOT_TESTED if has_acceptance(folder) else NO_BANDS
     specimen_verdict = next((row["verdict"] for row in children["verdicts"] if row["subject"] == SPECIMEN), undecided)
     row = {
         "campaign_id": campaign_id, **_described(folder, run, campaign), "planned_points": planned,
-        "recorded_points": 0 if run is None else len(run.points), "valid_points": 0 if run is None else len(run.valid),
+        "recorded_points": len(judged), "valid_points": sum(point.verdict == "valid" for point in judged),
         "bench_verdict": bench_verdict, "specimen_verdict": specimen_verdict,
     }
     return Content(_plain(row), {name: [_plain(child) for child in part] for name, part in children.items()},
@@ -210,8 +211,8 @@ def _operator(folder: Path, campaign: Mapping[str, Any]) -> str:
     return str(campaign.get("operator") or "")
 
 
-def _worst(run: Run | None) -> str:
-    verdicts = {point.verdict for point in (() if run is None else run.points)}
+def _worst(judged: Sequence[RecordedPoint]) -> str:
+    verdicts = {point.verdict for point in judged}
     return next((name for name in reversed(VERDICTS) if name in verdicts), "")
 
 
@@ -222,8 +223,7 @@ def _planned(folder: Path, campaign: Mapping[str, Any]) -> int:
     return sum(not (isinstance(name, str) and name in withdrawn) for name in names)
 
 
-def _bench_verdict(verdict: str, run: Run | None, planned: int) -> Row:
-    points = () if run is None else run.points
+def _bench_verdict(verdict: str, points: Sequence[RecordedPoint], planned: int) -> Row:
     reasons = [f"{len(points)} of {planned} points recorded"] if len(points) < planned else []
     reasons += [
         f"{point.id} {point.verdict}: {'; '.join(point.reasons)}" for point in points if point.verdict != "valid"

@@ -30,7 +30,7 @@ from rig.errors import DataWarning, FileProblem
 NAME = ".rig-runs.sqlite"
 SCHEMA = 2
 """Version of the tables of results in the file; a file with a higher one is neither used nor written."""
-FORMAT = f"7, {rig.__version__}"
+FORMAT = f"8, {rig.__version__}"
 """Of the summaries; another one's are not used."""
 SETTLED_NS = 2_000_000_000
 """A file changed so lately may be changed again within the resolution of its time stamp: its summary is not kept."""

@@ -117,8 +117,8 @@ campaigns = Table(
     Column("simulated", Boolean, nullable=False, comment="whether the rig was simulated"),
     Column("imported", Boolean, nullable=False, comment="whether the tests were imported"),
     _count("planned_points", "number of points in the matrix; 0 if unknown"),
-    _count("recorded_points", "number of recorded points"),
-    _count("valid_points", "number of valid points"),
+    _count("recorded_points", "number of recorded points; a block of an endurance test counts once"),
+    _count("valid_points", "number of valid points; an interrupted block has the best verdict of its parts"),
     _text("bench_verdict", "worst verdict of all points: `valid`, `suspect`, `invalid`; empty without points"),
     _text("specimen_verdict", "`ok`, `not-ok`, `not-tested` (undecided, for example not enough valid points), or "
           "`no-bands` (the matrix has no acceptance bands)"),

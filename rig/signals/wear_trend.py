@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -31,6 +31,14 @@ T_OF_FEW = (12.7062, 4.3027)
 STRONGEST_CORRELATION = 0.95
 VISIBLE, FEWEST_FOR_SCATTER, NORMAL_OF_MAD = 3.0, 4, 1.4826
 """A baseline is so many standard deviations of its sections at least, where it has so many; by the median deviation."""
+STANDARD_ERRORS = 5.0
+"""A baseline is more standard errors of a section's median than this, from the scatter of its cycles."""
+ERROR_OF_MEDIAN = 1.2533
+"""Standard error of a median of normal values, relative to that of their mean."""
+LEAST_OF_LARGER = 0.05
+"""A peak force is at least this share of the peak force in the other direction, or it is that of offset and noise."""
+DIRECTIONS = ("force_max", "force_min")
+NOT_DISTINGUISHABLE = "the baseline cannot be clearly distinguished from zero"
 QUANTITIES = (
     "force_max", "force_min", "energy", "stiffness", "friction", "mean_force", "temperature", "current",
 )
@@ -91,15 +99,21 @@ class Sections:
         block: number of the block of each.
         medians: by quantity; not-a-number where it is unknown.
         group: of the cycles of each: those with the same current, in a current program; 0 at a constant current.
+        errors: standard errors of the medians by quantity, from the scatter of the cycles; unknown where there is none.
     """
 
     cycle: FloatArray
     block: FloatArray
     medians: Mapping[str, FloatArray]
     group: IntArray
+    errors: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return self.cycle.size
+
+    def errors_of(self, name: str) -> FloatArray:
+        """Standard errors (n,) of the medians of a quantity; not-a-number where they are unknown."""
+        return self.errors.get(name, np.full(len(self), np.nan))
 
     @classmethod
     def joined(cls, parts: Sequence[Sections]) -> Sections:
@@ -110,7 +124,8 @@ class Sections:
         cycle, block, group = (
             np.concatenate(columns) for columns in zip(*((p.cycle, p.block, p.group) for p in parts), strict=True)
         )
-        return cls(cycle, block, medians, group.astype(np.int64))
+        errors = {name: np.concatenate([part.errors_of(name) for part in parts]) for name in QUANTITIES}
+        return cls(cycle, block, medians, group.astype(np.int64), errors)
 
     @property
     def groups(self) -> tuple[Sections, ...]:
@@ -122,7 +137,8 @@ class Sections:
 
     def _chosen(self, rows: IntArray) -> Sections:
         medians = {name: values[rows] for name, values in self.medians.items()}
-        return Sections(self.cycle[rows], self.block[rows], medians, self.group[rows])
+        errors = {name: values[rows] for name, values in self.errors.items()}
+        return Sections(self.cycle[rows], self.block[rows], medians, self.group[rows], errors)
 
 
 NO_SECTIONS = Sections(np.zeros(0), np.zeros(0), dict.fromkeys(QUANTITIES, np.zeros(0)), np.zeros(0, np.int64))
@@ -150,11 +166,13 @@ def sections_of(
     last = np.asarray(numbers, np.float64)[edges[1:] - 1]
     parts = []
     for name in names:
-        medians = {
-            quantity: np.array([_median(statistics[quantity][a:b][groups[a:b] == name]) for a, b in pairwise(edges)])
-            for quantity in QUANTITIES
-        }
-        parts.append(Sections(last, np.full(sections, float(block)), medians, np.full(sections, name, np.int64)))
+        medians, errors = {}, {}
+        for quantity in QUANTITIES:
+            chosen = [statistics[quantity][a:b][groups[a:b] == name] for a, b in pairwise(edges)]
+            medians[quantity] = np.array([_median(values) for values in chosen])
+            errors[quantity] = np.array([_error(values) for values in chosen])
+        group = np.full(sections, name, np.int64)
+        parts.append(Sections(last, np.full(sections, float(block)), medians, group, errors))
     return Sections.joined(parts)
 
 
@@ -163,26 +181,65 @@ def _median(values: FloatArray) -> float:
     return float(np.median(known)) if known.size else math.nan
 
 
+def _error(values: FloatArray) -> float:
+    """Standard error of the median; not-a-number for fewer than two values."""
+    known = values[np.isfinite(values)]
+    if known.size < 2:
+        return math.nan
+    if known.size < FEWEST_FOR_SCATTER:
+        scatter = float(np.std(known, ddof=1))
+    else:
+        scatter = NORMAL_OF_MAD * float(np.median(np.abs(known - np.median(known))))
+    return ERROR_OF_MEDIAN * scatter / math.sqrt(known.size)
+
+
 def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
     """Baseline of each quantity: median of the first block after the running-in in which it is known.
 
     Not-a-number before there is one, and where the baseline cannot be distinguished from zero: a relative change of the
-    mean force of a damper without gas, for example, would be that of its noise, and would end a test at random.
+    mean force of a damper without gas, for example, would be that of its noise, and would end a test at random. The
+    same is true of a peak force that is small relative to that in the other direction.
 
     Args:
         sections: of the test.
         run_in: cycles of the running-in.
     """
     after = _first_of_block(sections) >= run_in
-    return {name: _level(values, sections.block, after) for name, values in sections.medians.items()}
+    baseline = {
+        name: _level(values, sections.errors_of(name), sections.block, after)
+        for name, values in sections.medians.items()
+    }
+    larger = max((abs(baseline[name]) for name in DIRECTIONS if math.isfinite(baseline[name])), default=0.0)
+    small = [name for name in DIRECTIONS if abs(baseline[name]) < LEAST_OF_LARGER * larger]
+    return baseline | dict.fromkeys(small, math.nan)
 
 
-def _level(values: FloatArray, block: FloatArray, after: BoolArray) -> float:
+def why_not_evaluated(rule: StopRule, sections: Sections, run_in: float) -> str:
+    """Why a rule is not evaluated although its quantity is measured; empty where it is, or where nothing is known yet.
+
+    Args:
+        rule: the rule.
+        sections: of the cycles that are compared.
+        run_in: cycles of the running-in.
+    """
+    if not rule.kind.relative:
+        return ""
+    after, baseline = _first_of_block(sections) >= run_in, baseline_of(sections, run_in)
+    if any(math.isfinite(baseline[name]) for name in rule.kind.quantities):
+        return ""
+    measured = any(np.any(np.isfinite(sections.medians[name][after])) for name in rule.kind.quantities)
+    return NOT_DISTINGUISHABLE if measured else ""
+
+
+def _level(values: FloatArray, errors: FloatArray, block: FloatArray, after: BoolArray) -> float:
     known = np.flatnonzero(after & np.isfinite(values))
     if not known.size:
         return math.nan
-    of_block = values[known][block[known] == block[known[0]]]
+    known = known[block[known] == block[known[0]]]
+    of_block, error = values[known], _median(errors[known])
     level = float(np.median(of_block))
+    if level == 0.0 or abs(level) <= STANDARD_ERRORS * error:  # an unknown error excludes nothing
+        return math.nan
     scatter = NORMAL_OF_MAD * float(np.median(np.abs(of_block - level)))
     return level if of_block.size < FEWEST_FOR_SCATTER or abs(level) > VISIBLE * scatter else math.nan
 

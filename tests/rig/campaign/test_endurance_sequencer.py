@@ -159,3 +159,4 @@ def test_a_change_of_nothing_has_no_sign_and_an_unknown_one_its_reason() -> None
         "decrease of the peak force 0 % (limit 20 %, no forecast: fewer than 8 sections of cycles)"
     )
     assert rule_text(rule, None, Forecast("unknown")).endswith("unknown (limit 20 %): no baseline yet")
+    assert rule_text(rule, None, Forecast("unknown"), "noise").endswith("not evaluated (limit 20 %): noise")

@@ -14,7 +14,8 @@ from rig.document.terminal import lines
 from rig.recording.endurance import BlockPiece, EnduranceLedger, performance_points
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from rig.report.endurance import endurance_section
+from rig.report.document import warnings
+from rig.report.endurance import endurance_facts, endurance_section
 from rig.signals.wear_trend import NO_SECTIONS, QUANTITIES, Sections, StopRule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
@@ -36,7 +37,7 @@ def weakening(force_N: np.ndarray, unseen: int = 0) -> EnduranceTest:
                         np.zeros(len(force_N), np.int64))
     step = EnduranceStep("wear", 0, 1000, 1, 200, 10)
     ledger = EnduranceLedger("wear", (StopRule("force_down", 0.2),))
-    ledger.add(BlockPiece("wear-b1", step, 200, 195, unseen, "suspect", sections, "wear-b1.h5"))
+    ledger.add(BlockPiece("wear-b1", step, 200, 195, unseen, "suspect", sections, "wear-b1.h5", ("stopped",)))
     points = [
         loop("p001", 1000.0, None), loop("other", 1000.0, None),
         loop("p001-wear-end", 800.0, EnduranceStep("wear", 200, 1000)),
@@ -62,10 +63,37 @@ def test_counts_rules_and_forecast_are_shown() -> None:
         ["sine 10 mm 1 Hz", "1", "0", "999.9", "+0.0", "\u2212999.9", "+0.0"],
         ["sine 10 mm 1 Hz", "1", "200", "800", "\u221220.0", "\u2212800", "\u221220.0"],
     ]
-    assert str(invalid.rows[0].cells[1]) == "wear-b1"
+    assert [str(cell) for cell in invalid.rows[0].cells][1::6] == ["wear-b1", "stopped"]
     assert sum(isinstance(block, Figures) for block in blocks) == 5
     assert any("Stop rule" in str(line) for line in lines(blocks, 80))
     assert pdf(Document("endurance", blocks)).startswith(b"%PDF")
+
+
+def test_the_summary_states_cycles_and_stop_rules() -> None:
+    (running,) = endurance_facts([weakening(np.linspace(1000.0, 900.0, 20))])
+    assert (str(running.value), str(running.meaning)) == (
+        "200 of 1,000", "cycles of the endurance test wear; decrease of the peak force 5.26 % (limit 20 %)"
+    )
+    (ended,) = endurance_facts([weakening(np.linspace(1000.0, 600.0, 20))])
+    assert str(ended.value) == "200"
+    assert str(ended.meaning) == (
+        "cycles of the endurance test wear, of 1,000 planned; ended by a stop rule: decrease of the peak force; "
+        "decrease of the peak force 25 % (limit 20 %)"
+    )
+
+
+def test_a_block_that_was_interrupted_and_continued_has_the_verdict_of_its_best_piece() -> None:
+    def piece(name: str, before: int, verdict: str) -> RecordedPoint:
+        made = loop(name, 1000.0, EnduranceStep("wear", before, 100, 1, 50, 10))
+        return replace(made, kind=ENDURANCE, verdict=verdict, provenance={"point": "wear-b1"})
+
+    first, second = piece("wear-b1", 0, "invalid"), piece("wear-b1-attempt2", 10, "valid")
+    run = Run(Run.NOWHERE, (loop("p001", 1000.0, None), first, second))
+    assert [point.id for point in run.judged] == ["p001", "wear-b1-attempt2"]
+    assert warnings(run) == []
+    assert [str(block.words) for block in warnings(run[:2]) if isinstance(block, Note)] == [
+        "1 block of an endurance test is not valid; its cycles are counted. The full report states the reasons."
+    ]
 
 
 def test_the_end_by_a_stop_rule_is_stated() -> None:

@@ -15,6 +15,7 @@ from rig.signals.wear_trend import (
     forecast,
     reached_by,
     sections_of,
+    why_not_evaluated,
 )
 
 
@@ -124,6 +125,30 @@ def test_a_baseline_that_is_noise_ends_no_test() -> None:
         assert not reached_by(StopRule(name, 0.05), sections, baseline)
     sections = joined(20.0, 10.0, noise=2.0)
     assert reached_by(StopRule("gas_force_down", 0.3), sections, baseline_of(sections, 0))
+
+
+def test_a_peak_force_that_is_noise_or_small_is_not_compared() -> None:
+    """Two sections a block, whose medians alone cannot show the scatter; a stroke against the gas force only."""
+    random, rule = np.random.default_rng(3), StopRule("force_down", 0.2)
+
+    def tested(rebound_N: float, scatter_N: float, compression_N: float) -> Sections:
+        return Sections.joined([
+            sections_of(np.arange(20 * n + 1, 20 * n + 21), n + 1, statistics(
+                20, force_max=level_N + scatter_N * random.standard_normal(20), force_min=np.full(20, compression_N),
+            )) for n, level_N in enumerate((rebound_N, 0.3 * rebound_N))
+        ])  # fmt: skip
+
+    for sections in (tested(2.7, 5.0, -490.0), tested(12.0, 0.1, -490.0)):
+        baseline = baseline_of(sections, 0)
+        assert np.isnan(baseline["force_max"])
+        assert not reached_by(rule, sections, baseline)
+        assert why_not_evaluated(rule, sections, 0) == "", "the other direction is evaluated"
+    noise = tested(2.7, 5.0, 0.0)
+    assert np.all(np.isnan(changes(rule, noise, baseline_of(noise, 0))))
+    assert why_not_evaluated(rule, noise, 0) == "the baseline cannot be clearly distinguished from zero"
+    assert why_not_evaluated(rule, noise, 1000) == "", "there is no baseline yet"
+    worn = tested(400.0, 5.0, -490.0)
+    assert reached_by(rule, worn, baseline_of(worn, 0))
 
 
 def test_missing_statistics_do_not_disable_a_rule() -> None:
