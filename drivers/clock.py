@@ -46,11 +46,15 @@ TRIES = 20
 
 
 class Role(IntEnum):
-    """Which process of the host waits for its turn; `SETPOINTS`: the station's stream of set-points, by its grid."""
+    """Which process of the host waits for its turn; `SETPOINTS`: the station's stream of set-points, by its grid.
+
+    `STEPS`: the station's current program, by the time of its next step.
+    """
 
     APPLICATION = 0
     STATION = 1
     SETPOINTS = 2
+    STEPS = 3
 
 
 class ClockRefused(ValueError):
@@ -125,14 +129,15 @@ class SharedClock:
         first_ns = min(list(self._dues.values()), default=NEVER_NS)
         self._state(self._role, os.getpid(), first_ns)
 
-    def setpoint_due(self, at_ns: int | None) -> None:
-        """The station must send its next set-point at `at_ns`; None: no motion is streamed."""
+    def setpoint_due(self, at_ns: int | None, role: Role = Role.SETPOINTS) -> None:
+        """The station must send its next set-point at `at_ns`; None: no motion is streamed, no program is followed."""
         if self._role is Role.STATION:
-            self._state(Role.SETPOINTS, os.getpid(), NEVER_NS if at_ns is None else at_ns)
+            self._state(role, os.getpid(), NEVER_NS if at_ns is None else at_ns)
 
     def close(self) -> None:
         """Let the rig's clock go on without this process."""
         self.setpoint_due(None)
+        self.setpoint_due(None, Role.STEPS)
         if self._role is not None:
             self._state(self._role, 0, NEVER_NS)
 
@@ -288,3 +293,13 @@ def setpoint_due(at_ns: int | None) -> None:
     shared = _shared
     if shared is not None:
         shared.setpoint_due(at_ns)
+
+
+def step_due(at_ns: int | None) -> None:
+    """The next step of a current program is due then (ns); None: no program is followed.
+
+    The clock does not pass it: the rod goes on moving, and a step that comes late is a step at another place.
+    """
+    shared = _shared
+    if shared is not None:
+        shared.setpoint_due(at_ns, Role.STEPS)

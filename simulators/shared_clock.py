@@ -36,6 +36,8 @@ LATE_NS, LATE_FAST_NS = 5_000_000, 1_000_000
 """A thread of the host may be so late before the clock waits for it; above speed 1 more of the rig's motion passes."""
 SETPOINT_LATE_NS = 400_000
 """A set-point of a streamed motion may be so late: what the plan counts on (`rig.matrix.streaming.JITTER_S`)."""
+EXACT = frozenset({Role.SETPOINTS, Role.STEPS})
+"""Set-points, and steps of a current program, which may be as late."""
 LONGEST_WAIT_NS = 60_000_000_000
 """A process that has not had its turn for so long (wall time) hangs."""
 LOOK_NS = 20_000_000
@@ -148,16 +150,16 @@ class SharedClock:
         late = False
         for role in Role:
             process, _, due_ns = FOLLOWER.unpack_from(self._map, OFFSET_ROLES + FOLLOWER.size * role)
-            streams = role is Role.SETPOINTS
-            allowed_ns = SETPOINT_LATE_NS if streams else self._allowed_ns
+            exact = role in EXACT
+            allowed_ns = SETPOINT_LATE_NS if exact else self._allowed_ns
             follower = self._followers.get(role)
             if follower is None or follower.process != process:
                 follower = self._followers[role] = Follower(process, allowed_ns)
-            if process == 0 or (streams and not setpoints):
+            if process == 0 or (role is Role.SETPOINTS and not setpoints):
                 continue
             waits = follower.waits(due_ns, self.now_ns, machine_ns)
-            if streams and due_ns < NEVER_NS and (waits or self.now_ns <= due_ns + allowed_ns):
-                self._setpoint_ns = due_ns + allowed_ns + 1
+            if exact and due_ns < NEVER_NS and (waits or self.now_ns <= due_ns + allowed_ns):
+                self._setpoint_ns = min(self._setpoint_ns, due_ns + allowed_ns + 1)
             late |= waits
         return late
 

@@ -119,32 +119,45 @@ def _commanded(
     times_s, levels_A = time_s[changed], value_A[changed]
     if not len(times_s):
         return []
-    holds_s = float(np.min(np.diff(steps_s)))
     start_s = _start_s(steps_s, steps_A, times_s, levels_A)
-    commanded = []
+    return [
+        (at_s, float(steps_A[number - 1]), float(steps_A[number]))
+        for number, at_s in _near(start_s, steps_s, steps_A, times_s, levels_A)
+    ]
+
+
+def _near(
+    start_s: float, steps_s: Sequence[float], steps_A: Sequence[float], times_s: FloatArray, levels_A: FloatArray
+) -> list[tuple[int, float]]:
+    """Steps of a program that started then: number, and time of the nearest change to its current (s), if one is near.
+
+    Near: within half of the shortest time between two steps.
+    """
+    reach_s, near = 0.5 * float(np.min(np.diff(steps_s))), list[tuple[int, float]]()
     for number in range(1, len(steps_s)):
-        expected_s, level_A = start_s + steps_s[number], steps_A[number]
-        near = np.flatnonzero(
-            (np.abs(levels_A - level_A) <= SAME_CURRENT_A) & (np.abs(times_s - expected_s) < 0.5 * holds_s)
-        )
-        if len(near):
-            at_s = float(times_s[near[np.argmin(np.abs(times_s[near] - expected_s))]])
-            commanded.append((at_s, float(steps_A[number - 1]), float(level_A)))
-    return commanded
+        off_s = np.abs(times_s - start_s - steps_s[number])
+        off_s[np.abs(levels_A - steps_A[number]) > SAME_CURRENT_A] = np.inf
+        nearest = int(np.argmin(off_s))
+        if off_s[nearest] < reach_s:
+            near.append((number, float(times_s[nearest])))
+    return near
 
 
 def _start_s(
     steps_s: Sequence[float], steps_A: Sequence[float], times_s: FloatArray, levels_A: FloatArray
 ) -> float:
-    """Start of the program on the time base of the motion by which most of its steps were in time (s)."""
-    first = [at_s - steps_s[1] for at_s, level_A in zip(times_s, levels_A, strict=True)
-             if abs(level_A - steps_A[1]) <= SAME_CURRENT_A]
-    expected_s = np.asarray(steps_s[1:])
+    """Start of the program on the time base of the motion (s): the one that most commands fit; of several, the closest.
 
-    def off_s(start_s: float) -> float:
-        return float(np.median(np.min(np.abs(times_s[:, None] - start_s - expected_s), axis=0)))
+    The program repeats a pattern: a start that is some patterns late fits all but a few of the steps, and it may fit
+    those better than the right start does.
+    """
+    starts_s = times_s[np.abs(levels_A - steps_A[1]) <= SAME_CURRENT_A] - steps_s[1]
 
-    return min(first, key=off_s, default=float(times_s[0]) - steps_s[1])
+    def fit(start_s: float) -> tuple[int, float]:
+        near = _near(start_s, steps_s, steps_A, times_s, levels_A)
+        return len(near), -float(np.median([abs(at_s - start_s - steps_s[number]) for number, at_s in near]))
+
+    return max(map(float, starts_s), key=fit, default=float(times_s[0]) - steps_s[1])
 
 
 def _straight_part(time_s: FloatArray, velocity_m_s: FloatArray, at_s: float) -> tuple[float, float, float] | None:

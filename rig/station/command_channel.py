@@ -77,10 +77,11 @@ class CommandChannel:
             if command in MOTION_COMMANDS and not self._supervisor.may_move:
                 trip = self._supervisor.trip
                 raise StationRefused("tripped", f"{command.name}: {'not armed' if trip is None else trip.slug}")
-            return begin(driver)
+            sequence = begin(driver)
+            self.sent_ns = monotonic_ns()  # not by the thread that waits for it: it may have its turn much later
+            return sequence
 
         sequence = self._actuator.call(send, ACK_TIMEOUT_S)
-        self.sent_ns = monotonic_ns()
         if not self._actuator.capabilities.acknowledge:
             sent_ns = self.sent_ns
             return self.await_status(

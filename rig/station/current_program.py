@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from drivers.clock import back_whenever, back_within
+from drivers.clock import back_whenever, back_within, step_due
 from drivers.errors import DriverError
 from drivers.roles import State
 from rig.clock import monotonic_ns
@@ -133,6 +133,7 @@ class CurrentSteps:
             self._supervisor.report([Finding("task-dies", detail, monotonic_ns())])
         finally:
             self._coil.leave_program(self)
+            step_due(None)
             back_whenever()
 
     @property
@@ -143,9 +144,11 @@ class CurrentSteps:
     def _reached(self, at_s: float) -> bool:
         """Wait until so long after the motion's start (device s); False once the motion or the program is over."""
         while not self._over:
+            now_ns = monotonic_ns()
             left_s = (at_s - self._elapsed_s) / self._rate
             if left_s <= 0.0:
                 return True
+            step_due(now_ns + int(1e9 * left_s) if math.isfinite(left_s) else None)
             wait_s = min(left_s, LOOK_S)
             back_within(wait_s)
             self._next_look.wait(wait_s)

@@ -190,6 +190,13 @@ def test_the_clock_does_not_pass_a_set_point_that_is_due_and_goes_on_at_once_whe
     assert written.at(machine_ns + 3 * SECOND) == written.now_ns + AHEAD_NS
     clock.setpoint_due(None)
     assert not written.look(machine_ns + 3 * SECOND), "no motion is streamed"
+    clock.step_due(begin_ns := written.now_ns)
+    written.go_on(waiting=False)
+    assert not written.look(machine_ns + 3 * SECOND, setpoints=False)
+    written.go_on(waiting=False)
+    assert written.at(machine_ns + 4 * SECOND) == begin_ns + SETPOINT_LATE_NS + 1, "no link's fault delays a step"
+    clock.leave()
+    assert not written.look(machine_ns + 4 * SECOND)
 
 
 def test_after_a_campaign_the_process_has_the_time_that_it_had_before(written: SharedClock, tmp_path: Path) -> None:

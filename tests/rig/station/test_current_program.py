@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from station_bench import Journal, config_for
 
+from drivers import clock
+from drivers.clock import Role
 from drivers.current_source import SourceCounters, SourceTiming, SourceTraits
 from drivers.errors import LinkLost
 from drivers.roles import State
@@ -19,6 +22,7 @@ from rig.station.errors import StationRefused
 from rig.station.interlocks.current_interlock import EcuInterlock
 from rig.station.supervisor import Supervisor
 from rig.station.threads.current_source_thread import CurrentSourceThread
+from simulators.shared_clock import SETPOINT_LATE_NS, SharedClock
 
 MS = 1_000_000
 STEPS = {"time_s": [0.0, 0.02, 0.05], "current_A": [0.0, 1.5, 0.5]}
@@ -103,6 +107,37 @@ def test_each_step_is_commanded_at_its_time_of_the_controllers_clock(rate: float
     assert min(late_ms) >= 0.0, "never before its time"
     rig.state = State.HOLD
     until(lambda: rig.coil._program is None)
+
+
+def test_a_simulated_rigs_clock_waits_for_each_step_of_a_station_that_has_its_turn_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {"time_s": [0.0, 0.2, 0.4, 0.6], "current_A": [0.0, 1.5, 0.5, 1.0]}
+    written = SharedClock(tmp_path / "clock", ("a",), time.monotonic_ns(), fast=True)
+    clock.follow(str(tmp_path / "clock"), Role.STATION, ("a",))
+    try:
+        rig = Rig(rate=10.0)
+        steps = CurrentSteps(current_program(given, rig.devices), begun_ns := monotonic_ns(), rig.devices,
+            rig.supervisor)
+        wait = steps._next_look.wait
+        monkeypatch.setattr(steps._next_look, "wait", lambda wait_s: wait(wait_s + 0.025))
+        steps.start()
+
+        def commanded() -> bool:
+            late = written.look(time.monotonic_ns())
+            written.go_on(waiting=late)
+            return len(rig.commanded()) == 3
+
+        until(commanded)
+        late_ns = [at_ns - begun_ns - 1e8 * at_s for (at_ns, _), at_s in
+                   zip(rig.source.sent[1:], given["time_s"][1:], strict=True)]
+        assert min(late_ns) >= 0.0, "never before its time"
+        assert max(late_ns) <= SETPOINT_LATE_NS + 2
+        rig.state = State.HOLD
+        until(lambda: rig.coil._program is None)
+    finally:
+        clock.follow("", None)
+        written.close()
 
 
 def _trip(rig: Rig) -> None:
