@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -85,6 +86,16 @@ class Rig:
     def commanded(self) -> list[float]:
         """Every current commanded since the coil was prepared."""
         return [current_A for _, current_A in self.source.sent[1:]]
+
+
+@pytest.fixture(autouse=True)
+def ended() -> Iterator[None]:
+    """No program goes on after its test: a shared clock of a later test would wait for it."""
+    yield
+    for thread in threading.enumerate():
+        if isinstance(steps := getattr(getattr(thread, "_target", None), "__self__", None), CurrentSteps):
+            steps._coil.follow_law(law=False)
+            thread.join(2.0)
 
 
 def until(true: Callable[[], bool]) -> None:
