@@ -279,6 +279,8 @@ class TestPoint:
         current = f"{self.current_A:.3g} A"
         if self.current_programmed:
             current = f"{min(self.steps_A):.3g} to {max(self.steps_A):.3g} A"
+        if self.has_frequency and self.frequency_Hz == 0.0:  # only of a record
+            return f"{self.motion}, no whole cycle, {current}"
         if self.has_frequency:
             size = shown.displacement.text(self.amplitude_m)
             return f"{self.motion} {size} {self.rate(shown)} {current}"

@@ -41,6 +41,8 @@ LEVELS = {"info": "", "warning": "yellow", "error": "red"}
 
 def described(point: RecordedPoint, shown: Display = SI) -> str:
     """A point that was not planned here, in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
+    if point.has_frequency and point.frequency_Hz == 0.0:
+        return point.phrase(shown)
     amplitude = shown.displacement.text(point.amplitude_m)
     return f"{point.waveform} {amplitude} {point.frequency_Hz:.4g} Hz {round(point.current_A, 3) + 0.0:.3g} A"
 

@@ -278,7 +278,7 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
         FileProblem: the problem that was given, if it is another one or nothing is to be listed.
     """
     # load h5py: not needed for the help
-    from rig.recording.external_tests import column_lists, current_hint
+    from rig.recording.external_tests import NO_TIME, column_lists, current_hint
     from rig.recording.file_formats.columns import no_column
     from rig.recording.file_formats.table_file import Dialect
 
@@ -288,12 +288,17 @@ def _show_columns(files: Sequence[Path], options: Mapping[str, Any], problem: Fi
     stated = {name: options[name] for name in vars(Dialect()) if options.get(name) is not None}
     shown = console()
     # of several sheets the one that most resembles a test
-    title, columns, hints = max(column_lists(files[0], Dialect(**stated)), key=lambda listed: len(listed[2]))
+    title, columns, hints, doubt = max(column_lists(files[0], Dialect(**stated)), key=lambda listed: len(listed[2]))
     shown.print(f"{files[0]}{title}; its columns:", markup=False, soft_wrap=True)
     width = max(len(name) for name, _ in columns)
     for number, (name, unit) in enumerate(columns, 1):
         shown.print(f"  #{number:<4} {name:<{width}}  {unit or 'no unit: write NAME:UNIT'}", markup=False,
                     soft_wrap=True)
+    if doubt and options.get("rate") is None:
+        shown.print(doubt, markup=False, soft_wrap=True)
+        if doubt != NO_TIME:  # no column helps
+            shown.print("Nothing was imported.")
+            return EXIT_USAGE
     chosen = [hints.get(quantity) or f"--column {quantity}=NAME" for quantity in ("time", "displacement", "force")]
     chosen.append(hints.get("current") or current_hint(files))
     sheets = [stated["sheet"]] if isinstance(stated.get("sheet"), str) else stated.get("sheet", ())

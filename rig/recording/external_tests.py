@@ -40,6 +40,7 @@ from rig.signals.sample_times import SampleTimes, sample_times
 MORE_SHEETS = 2
 """So many further sheets that do not fit are shown, with their first problem each."""
 FEWEST_ROWS = 16
+NO_TIME = "time: no column specified. Fix: write --column time=NAME, or --rate '1 kHz' if there is no time column"
 SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
 """Sample rates of damper tests."""
 #: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
@@ -445,8 +446,10 @@ def _opened(file: Path, settings: ImportSettings) -> tuple[list[tuple[str, Table
 
 def column_lists(
     file: Path, dialect: Dialect
-) -> Iterator[tuple[str, list[tuple[str, str]], dict[str, str]]]:
-    """For each table of a file how it was read, its columns with their units, and likely options by quantity.
+) -> Iterator[tuple[str, list[tuple[str, str]], dict[str, str], str]]:
+    """For each table of a file how it was read, its columns with their units, likely options by quantity, and a doubt.
+
+    The doubt is whether the table is a recording or has a time; it is empty if there is none.
 
     Raises:
         FileProblem: the file cannot be read.
@@ -454,7 +457,34 @@ def column_lists(
     for name, opened in open_file(file, dialect)[0]:
         columns = [(one.full or one.name, unit_stated(one)) for one in opened.columns]
         hints = suggestions(opened.columns, [*REQUIRED, "time", "current"])
-        yield f"{f', {name}' if name else ''}: {opened.read_as}", columns, hints
+        doubt = "" if "time" in hints else _no_time(opened)
+        yield f"{f', {name}' if name else ''}: {opened.read_as}", columns, hints, doubt
+
+
+def _no_time(opened: TableFile) -> str:
+    """What to do about a table in which no column was recognised as the time; empty if its format has the time."""
+    places = range(len(opened.columns))
+    if not places:
+        return ""
+    most = 0
+    for place in places:
+        with contextlib.suppress(FileProblem, ValueError):  # a column of texts
+            most = max(most, *map(len, opened.values([place])))
+        if most >= FEWEST_ROWS:
+            break
+    if 0 < most < FEWEST_ROWS:
+        return _too_short_for_samples(most)
+    with contextlib.suppress(FileProblem):
+        if opened.own_time(places[:1]) is not None:
+            return ""
+    return NO_TIME
+
+
+def _too_short_for_samples(rows: int) -> str:
+    return (
+        f"{rows} rows without a time column look like a table of peak values, not like a recording of samples. Fix: "
+        f"import the recorded samples of each test (displacement and force over time, at least {FEWEST_ROWS} rows)"
+    )
 
 
 def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[str, ColumnChoice]:
@@ -477,9 +507,12 @@ def _choices(file: Path, opened: TableFile, settings: ImportSettings) -> dict[st
             raise FileProblem(str(file), [*error.problems, f"(read as {opened.read_as})"]) from error
         shown = [(one.full or one.name) + (f" ({one.unit})" if one.unit and one.unit not in one.full else "")
                  for one in opened.columns[:MOST_SHOWN]]  # fmt: skip
-        hint = " ".join(suggestions(opened.columns, absent).values())
+        hints = suggestions(opened.columns, absent)
+        hint = " ".join(hints.values())
+        timeless = "time" in absent and "time" not in hints and settings.rate_Hz is None
+        doubt = _no_time(opened) if timeless else ""
         raise FileProblem(str(file), [
-            *error.problems, f"read as {opened.read_as}; its columns: {', '.join(shown)}",
+            *error.problems, *([doubt] if doubt else []), f"read as {opened.read_as}; its columns: {', '.join(shown)}",
             *([f"perhaps {hint}"] if hint else []),
         ]) from error  # fmt: skip
     return chosen
@@ -518,9 +551,8 @@ def _table(
             return _together(file, opened, choices, table, time_s, notes)
         if time_s is None:
             hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]).values())
-            raise FileProblem(str(file), [
-                f"time: no column specified. Fix: write --column time=NAME, or --rate '1 kHz'{hint}"
-            ])  # fmt: skip
+            short = not hint and rows < FEWEST_ROWS
+            raise FileProblem(str(file), [_too_short_for_samples(rows) if short else f"{NO_TIME}{hint}"])
         table["time"] = time_s
     check_equal_lengths(file, list(table), [len(values) for values in table.values()])
     rows = len(table["time"])

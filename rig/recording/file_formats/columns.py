@@ -12,6 +12,7 @@ from rig.recording.file_formats.file_units import (
     COUNTS,
     DIMENSION,
     MASS_FOR_FORCE,
+    TEMPERATURES,
     Scaling,
     known_unit,
     named_unit,
@@ -244,7 +245,7 @@ def _unit(column: TableColumn, given: str, dimension: str) -> tuple[str, str]:
     units = f"known units: {', '.join(units_for(dimension))}"
     if given:
         return _of(given, dimension, f"{given!r} is not a unit of {dimension}; {units}"), "as given"
-    by_name = _suffix_unit(column.name, dimension)
+    by_name = _suffix_unit(column.name, dimension) or _bracketed_temperature(column.name, dimension)
     if not column.unit:
         if not by_name:
             raise ValueError("unknown unit. Fix: append the unit to the column name (x_mm), write it after a colon "
@@ -271,6 +272,12 @@ def unit_stated(column: TableColumn) -> str:
 def _suffix_unit(name: str, dimension: str) -> str:
     """The unit at the end of a column's name, after an underscore; empty where there is none of this dimension."""
     return _at_end(name, {**{unit: unit for unit in units_for(dimension)}, **key_suffixes(dimension)})
+
+
+def _bracketed_temperature(name: str, dimension: str) -> str:
+    """The unit of a column named, for example, `Temp (F)`; `split_heading` does not know what the column contains."""
+    match = BRACKETED.fullmatch(name) if dimension == "temperature" else None
+    return "" if match is None else TEMPERATURES.get(match["unit"].strip(), "")
 
 
 def _at_end(name: str, suffixes: Mapping[str, str]) -> str:

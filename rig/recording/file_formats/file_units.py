@@ -16,6 +16,8 @@ DAY = Unit("time", 86400.0)
 """In which spreadsheets count, where a cell with a time has no format of a time."""
 MASS_FOR_FORCE = {"kg": "kgf", "g": "gf", "t": "tf", "oz": "ozf"}
 """Units of mass that displays show for a force; they are taken as one only where the user writes the unit of force."""
+TEMPERATURES = {"F": "degF", "C": "degC"}
+"""Letters that are units only of a column of temperatures: elsewhere, they may be symbols of quantities."""
 COUNTS = frozenset(("count", "counts", "digit", "digits", "lsb", "bit", "bits", "inc", "increment", "increments", "1"))
 _SENSITIVITY = re.compile(rf"({NUMBER})\s*([^\s/\d][^\s/]*)\s*(?:/|per)\s*([^\s/]+)")
 
@@ -37,6 +39,7 @@ def named_unit(text: str, dimension: str) -> tuple[str, Unit] | None:
     candidates = folded.get(bare.casefold(), [])
     unpointed = bare.replace(".", "")  # "lbf.", "in./sec."
     for name in (bare, ALIASES.get(bare, ""), wire_units.ALIASES.get(bare, ""), WORDS.get(bare.casefold(), ""),
+                 TEMPERATURES.get(bare, "") if dimension == "temperature" else "",
                  candidates[0] if len(candidates) == 1 else ""):  # fmt: skip
         if name in known:
             return name, known[name]
@@ -49,6 +52,8 @@ def known_unit(text: str) -> str:
     name = ALIASES.get(bare, bare)
     if name in UNITS:
         return name
+    if bare in TEMPERATURES:
+        return ""
     return next((unit[0] for dimension in dict.fromkeys(DIMENSION.values())
                  if (unit := named_unit(bare, dimension)) is not None), "")  # fmt: skip
 

@@ -234,8 +234,9 @@ def _motion(evidence: PointEvidence) -> list[Reason]:
         if evidence.stopped_by is not None:
             # No fault of a device: the point was stopped, which is reported already.
             return []
-        counted = f"{evidence.measured_cycles or 0.0:g}"
-        return [invalid("too-few-cycles", f"{counted} full cycles measured, expected {evidence.requested_cycles:g}")]
+        counted = f"{evidence.measured_cycles or 0:g} full cycle{'s' * (evidence.measured_cycles != 1)}"
+        fewest = max(evidence.requested_cycles - TOLERATED_CYCLES, 1)
+        return [invalid("too-few-cycles", f"{counted} measured, expected at least {fewest:g}")]
     reasons = []
     if evidence.measured_amplitude_m is not None and evidence.requested_amplitude_m > 0:
         error = evidence.measured_amplitude_m / evidence.requested_amplitude_m - 1.0

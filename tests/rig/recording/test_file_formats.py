@@ -11,8 +11,9 @@ import pytest
 
 from rig.errors import FileProblem
 from rig.recording.external_tests import ImportedTest, ImportSettings, column_lists, current_hint, read_tests
+from rig.recording.file_formats.columns import choose, split_heading
 from rig.recording.file_formats.csv_file import CsvFile
-from rig.recording.file_formats.table_file import Dialect
+from rig.recording.file_formats.table_file import Dialect, TableColumn
 from rig.signals.plausibility import TestSize, doubts
 
 ROWS = 1000
@@ -163,7 +164,7 @@ def test_quantities_that_are_not_specified_are_read_by_their_standard_names(tmp_
 
 def test_the_list_of_columns_states_each_unit_and_the_option_for_the_current(tmp_path: Path) -> None:
     (tmp_path / "a_0.5A.csv").write_text("t_s;x;v_m_s;F [kN]\n" + rows(";", ".").replace("\n", ";1\n"))
-    ((_, columns, _),) = column_lists(tmp_path / "a_0.5A.csv", Dialect())
+    ((_, columns, _, _),) = column_lists(tmp_path / "a_0.5A.csv", Dialect())
     assert [unit for _, unit in columns] == ["s, from the column name", "", "m/s, from the column name", "kN"]
     assert current_hint([tmp_path / "a_0.5A.csv"]) == "--current-from-name '_(?P<current>[0-9.]+)A'"
     assert current_hint([tmp_path / "a_0.5A.csv", tmp_path / "b_2015A.csv"]) == "--current '... A'"
@@ -203,6 +204,27 @@ def test_a_rate_replaces_a_time_that_no_column_has(tmp_path: Path) -> None:
     check(read(tmp_path / "a.csv", rate_Hz=250.0, displacement="x_mm", force="F_kN"))
     with pytest.raises(FileProblem, match=r"time: no column specified\. Fix: write --column time=NAME, or --rate"):
         read(tmp_path / "a.csv", displacement="x_mm", force="F_kN")
+
+
+def test_a_table_of_peak_values_is_named_as_such_and_a_file_without_time_is_shown_the_rate(tmp_path: Path) -> None:
+    rows_text = "".join(f"{speed},{3 * speed},{-2 * speed}\n" for speed in (50, 100, 200, 300, 500, 1000))
+    (tmp_path / "p.csv").write_text("Speed (mm/s),Rebound (N),Compression (N)\n" + rows_text)
+    ((_, _, _, doubt),) = column_lists(tmp_path / "p.csv", Dialect())
+    assert doubt.startswith("6 rows without a time column look like a table of peak values")
+    with pytest.raises(FileProblem, match="look like a table of peak values"):
+        read(tmp_path / "p.csv", displacement="#1", force="#2")
+    with pytest.raises(FileProblem, match="look like a table of peak values"):
+        read(tmp_path / "p.csv", displacement="#1:mm", force="#2")
+    (tmp_path / "a.csv").write_text("n;x_mm;F_kN\n" + rows(";", "."))
+    ((_, _, _, doubt),) = column_lists(tmp_path / "a.csv", Dialect())
+    assert "--rate '1 kHz'" in doubt
+
+
+@pytest.mark.parametrize(("heading", "unit"), [("Temp (F)", "degF"), ("Temp [C]", "degC")])
+def test_a_letter_in_brackets_is_the_unit_of_a_temperature_only(heading: str, unit: str) -> None:
+    columns = [TableColumn(heading), TableColumn("Force (F)")]
+    assert choose(columns, {"temperature": heading}, lambda _: False)["temperature"].unit_name == unit
+    assert split_heading("Force (F)") == ("Force (F)", "")
 
 
 def matlab(path: Path) -> None:

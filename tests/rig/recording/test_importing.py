@@ -64,7 +64,8 @@ def test_a_imported_test_becomes_a_point_in_si_with_measured_amplitude_and_frequ
 
 
 @pytest.mark.parametrize(("given", "tested"), [
-    ("2026-03-05", "2026-03-05"), ("2026-03-05T14:30:00+02:00", "2026-03-05T12:30:00+00:00"),
+    ("2026-03-05", "2026-03-05"), ("5.3.2026", "2026-03-05"),
+    ("2026-03-05T14:30:00+02:00", "2026-03-05T12:30:00+00:00"),
 ])
 def test_an_imported_run_states_the_date_of_its_tests(given: str, tested: str, tmp_path: Path) -> None:
     folder = import_tests([sine_file(tmp_path)], columns=COLUMNS, out=tmp_path / "out", current_A=0.5, date=given)

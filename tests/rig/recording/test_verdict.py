@@ -112,6 +112,14 @@ def test_skew_known_better_or_worse_changes_what_was_evaluated_by_it_and_nothing
     assert [reason.split(":")[0] for reason in found.reasons] == slugs
 
 
+def test_the_fewest_cycles_that_are_stated_are_those_that_are_accepted() -> None:
+    three = replace(GOOD, requested_cycles=3)
+    assert evaluate(replace(three, measured_cycles=1)).reasons == (
+        "too-few-cycles: 1 full cycle measured, expected at least 2",
+    )
+    assert "too-few-cycles" not in str(evaluate(replace(three, measured_cycles=2)).reasons)
+
+
 def test_a_verdict_survives_the_file_and_can_be_evaluated_on() -> None:
     verdict = evaluate(replace(GOOD, stopped_by="estop", skew_std_s=0.004, current_error_A=None))
     stored = Verdict.stored(verdict.attributes)
