@@ -14,7 +14,7 @@ from rig.cli.delivering import ServerAddress
 from rig.cli.options import Command, QuantityOption, json_option
 from rig.cli.output import console, progress_bar, say, show, shown_path, write_json, write_pdf
 from rig.display import SI, Display
-from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
+from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED, FileProblem
 from rig.files.run_display import run_display
 from rig.recording.atomic_write import write_text_durably
 
@@ -132,10 +132,10 @@ def _rows(
     """The selected rows; without a requested quantity those that the study uses.
 
     Raises:
-        FileProblem: no run can be read, or a filter is not valid.
+        FileProblem: no run can be read, or a filter is not valid or matches no campaign.
     """
     from rig.process_quality.series import usual
-    from rig.results.reader import ResultFilter, open_results, result_rows
+    from rig.results.reader import ResultFilter, open_results, result_rows, unmatched
 
     rows: list[ResultRow] = []
     with progress_bar("reading new runs") as progress, open_results(folder, url, progress) as (database, _):
@@ -145,6 +145,9 @@ def _rows(
             if name is not None and not read:
                 _check_quantity(name)
             rows += read
+        if not rows and (problems := unmatched(database, ResultFilter(**filters))):
+            place = "rig quality" if kind == KINDS[0] else f"rig quality {kind}"
+            raise FileProblem(place, [f"no value matches. {problem}. Fix: correct the filter" for problem in problems])
     if kind == "golden":
         return [row for row in rows if row.point]
     chosen = rows if quantity else usual(rows)

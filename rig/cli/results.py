@@ -23,12 +23,14 @@ from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, EXIT_USAGE, FileProblem
 
 if TYPE_CHECKING:
+    from rig.results.connection import Database
     from rig.results.delivery import State
     from rig.results.reader import ResultFilter, ResultRow
 
 MOST_SHOWN = 200
 """Rows of the table; the last ones."""
 WIDE = 110
+UNFOLDED = 1_000
 
 
 @click.command(
@@ -51,7 +53,7 @@ WIDE = 110
          "read instead of the folder. Password: PGPASSWORD or ~/.pgpass.",
 )
 @click.option("--deliver", is_flag=True, help="Deliver all campaigns that the server does not have. The default server "
-              "is that of the RIG_RESULTS variable or the newest run's bench file.")
+              "is that of the RIG_RESULTS variable, of the newest run's bench file, or of the earlier delivery.")
 @click.option("--rebuild", is_flag=True, help="Rebuild the database from the run directories.")
 @click.option("--csv", "csv_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
               help="Write the selected values to a CSV file.")  # fmt: skip
@@ -105,7 +107,7 @@ def _state(folder: Path, url: str | None, *, deliver: bool, rebuild: bool, as_js
     with progress_bar("reading runs") as report_progress, filled_database(
         folder, rebuild=rebuild, report_progress=report_progress
     ) as (database, filled):
-        target = (url or _configured(folder)) if deliver else url
+        target = (url or _configured(folder, database)) if deliver else url
         failed = False
         if deliver and target is not None:
             with progress_bar("delivering") as report_delivery:
@@ -120,12 +122,14 @@ def _state(folder: Path, url: str | None, *, deliver: bool, rebuild: bool, as_js
     return EXIT_USAGE if failed else EXIT_DONE
 
 
-def _configured(folder: Path) -> str:
-    """Address of the server in the environment, or in the newest run's bench file.
+def _configured(folder: Path, database: Database) -> str:
+    """Address of the server in the environment, or in the newest run's bench file, or the one campaigns wait for.
 
     Raises:
-        FileProblem: there is none, or it is not valid.
+        FileProblem: there is none, or it is not valid, or campaigns wait for several servers.
     """
+    from rig.results.delivery import servers_waited_for  # loads SQLAlchemy: not needed for the help
+
     if address := os.environ.get(ADDRESS_VARIABLE):
         try:
             return checked_address(address)
@@ -134,6 +138,15 @@ def _configured(folder: Path) -> str:
     for name in reversed(by_age(folder)):
         if (configured := address_of_run(folder / name)) is not None:
             return configured
+    waited_for = servers_waited_for(database)
+    if len(waited_for) == 1:
+        say(f"no results server is configured; the server of the earlier delivery is used: {waited_for[0]}", err=True)
+        return waited_for[0]
+    if waited_for:
+        raise FileProblem(str(folder), [
+            f"campaigns are waiting for {len(waited_for)} servers ({', '.join(waited_for)}). Fix: select one with "
+            "--results"
+        ])
     raise FileProblem(str(folder), [
         "no results server is configured. Fix: specify --results postgresql://USER@HOST/DATABASE, or set url in the "
         "[results] table of the bench file"
@@ -238,6 +251,8 @@ def _show_rows(rows: Iterable[ResultRow], count: int) -> None:
     if not rows:
         shown.print("no matching results", markup=False)
         return
+    if not shown.is_terminal:  # one line for each value, however long, for a file or another program
+        shown.width = UNFOLDED
     wide = shown.width >= WIDE
     head = [
         Column("specimen"), Column("started"), *((Column("station"),) if wide else ()), Column("quantity"),

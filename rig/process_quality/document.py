@@ -39,6 +39,7 @@ from rig.process_quality.golden import DayFinding, Explanation
 from rig.process_quality.series import when
 from rig.process_quality.study import ChartStudy, GaugeResult, GaugeStudies, GoldenStudy, SeriesResult
 from rig.report.cover import SIMULATED
+from rig.results.reader import ResultRow
 from rig.signals.arrays import FloatArray
 
 Study = ChartStudy | GoldenStudy | GaugeStudies
@@ -387,13 +388,15 @@ def _figures(study: Study, display: Display) -> Blocks:
     if isinstance(study, ChartStudy):
         charted = [one for one in _ordered(study.results) if one.chart is not None]
         note = ("Dashed: centre and control limits at 3 sigma; the vertical line ends phase I. Marked: values that "
-                "violate a rule.")
+                "violate a rule, and moving ranges beyond their limit (the return from a value beyond the limits is "
+                "not a signal).")
         blocks: Blocks = section("Charts", note) if charted else []
         for one in charted[:MOST_DRAWN]:
             if one.chart is not None:
                 limits = (one.capability.low, one.capability.high) if one.capability is not None else (None, None)
-                blocks += [Heading(one.series.label, 3),
-                           Figures(tuple(chart_figures(one.chart, one.series.unit, limits=limits)), 2)]
+                names = [_campaign_name(row) for row in one.series.rows]
+                drawn = chart_figures(one.chart, one.series.unit, limits=limits, names=names)
+                blocks += [Heading(one.series.label, 3), Figures(tuple(drawn), 2), *_marked(one.chart, names)]
         if len(charted) > MOST_DRAWN:
             omitted = f"{len(charted) - MOST_DRAWN} further charts are not drawn; --quantity selects some."
             blocks.append(Paragraph(omitted))
@@ -409,6 +412,20 @@ def _figures(study: Study, display: Display) -> Blocks:
     return []
 
 
+def _campaign_name(row: ResultRow) -> str:
+    return row.specimen or row.run
+
+
+def _marked(chart: ControlChart, names: Sequence[str]) -> list[Block]:
+    """Which campaigns the numbers of the marked values are."""
+    indices = sorted({one.index for one in chart.violations})
+    if not indices:
+        return []
+    listed = ", ".join(f"{index + 1}: {names[index]}" for index in indices[-MOST_NAMED:])
+    earlier = f"; {len(indices) - MOST_NAMED} earlier ones are not listed" if len(indices) > MOST_NAMED else ""
+    return [Paragraph(f"Campaigns with signals: {listed}{earlier}", small=True)]
+
+
 def _scaled(chart: ControlChart, shown: Shown) -> ControlChart:
     """A chart of differences in the unit of a display."""
     return replace(chart, values=shown.signed(chart.values), centre=shown.signed(chart.centre),
@@ -416,7 +433,8 @@ def _scaled(chart: ControlChart, shown: Shown) -> ControlChart:
 
 
 def chart_figures(
-    chart: ControlChart, unit: str, of: str = "Campaign", limits: tuple[float | None, float | None] = (None, None)
+    chart: ControlChart, unit: str, of: str = "Campaign", limits: tuple[float | None, float | None] = (None, None),
+    names: Sequence[str] = (),
 ) -> list[Figure]:
     """Chart of individual values and chart of moving ranges, with limits and marked violations.
 
@@ -425,13 +443,14 @@ def chart_figures(
         unit: of the values.
         of: what a value is of.
         limits: specification limits; None: open.
+        names: of the campaigns, shown under the pointer on marked values; empty: their numbers only.
     """
     first = max(0, len(chart.values) - MOST_POINTS)
     x = np.arange(first, len(chart.values), dtype=np.float64) + 1.0
     ends = np.array([x[0], x[-1]])
     low, high = chart.limits
     of_values = {one.index for one in chart.violations if one.rule != Rule.RANGE}
-    of_ranges = {one.index for one in chart.violations if one.rule == Rule.RANGE}
+    of_ranges = set((np.flatnonzero(chart.ranges > chart.range_limit) + 1).tolist())
     values = [_level(ends, chart.centre, CENTRE), *(_level(ends, one, LIMIT) for one in (low, high))]
     values += [_level(ends, one, TOLERANCE) for one in limits if one is not None]
     everything = [chart.values[first:], np.array([low, high, *(one for one in limits if one is not None)])]
@@ -439,11 +458,11 @@ def chart_figures(
     room = 0.05 * (top - bottom) or abs(top) * 0.05 or 1.0
     if first < chart.baseline < len(chart.values):
         values.append(Trace(np.full(2, chart.baseline + 0.5), np.array([bottom - room, top + room]), Style.THIN))
-    values += [Trace(x, chart.values[first:], Style.MEASURED), *_marks(x, chart.values[first:], of_values, first)]
+    values += [Trace(x, chart.values[first:], Style.MEASURED), *_marks(x, chart.values[first:], of_values, names)]
     limited = (bottom - room, top + room)
     ranges = np.concatenate(([np.nan], chart.ranges))[first:]
     of_range = [_level(ends, chart.mean_range, CENTRE), _level(ends, chart.range_limit, LIMIT),
-                Trace(x, ranges, Style.MEASURED), *_marks(x, ranges, of_ranges, first)]  # fmt: skip
+                Trace(x, ranges, Style.MEASURED), *_marks(x, ranges, of_ranges, names)]  # fmt: skip
     axis = Axis(of, "")
     return [
         Figure(axis, Axis("Value", unit, limited), values, WIDTH, HEIGHT, "Individual values"),
@@ -455,9 +474,13 @@ def _level(ends: FloatArray, value: float, colour: str) -> Trace:
     return Trace(ends, np.full(2, value), Style.FITTED, "", colour)
 
 
-def _marks(x: FloatArray, y: FloatArray, indices: Iterable[int], first: int) -> list[Trace]:
-    """Crosses on the values with these indices."""
+def _marks(x: FloatArray, y: FloatArray, indices: Iterable[int], names: Sequence[str]) -> list[Trace]:
+    """Crosses on the values with these indices; `x` are the numbers of the values, from 1."""
+    first = int(x[0]) - 1
     places = sorted(index - first for index in indices if index >= first)
     if not places:
         return []
-    return [Trace(x[places], y[places], Style.POINTS, "", SIGNAL)]
+    if not names:
+        return [Trace(x[places], y[places], Style.POINTS, "", SIGNAL)]
+    return [Trace(x[[place]], y[[place]], Style.POINTS, f"{place + first + 1}: {names[place + first]}", SIGNAL)
+            for place in places]

@@ -205,9 +205,11 @@ def golden_check(
     """
     days = max((len(one) for one in values.values()), default=0)
     count = min(days - 1, USUAL_BASELINE) if baseline is None else min(days, baseline)
+    if baseline is not None and baseline < FEWEST:
+        raise TooFewValues(f"got a phase I of {baseline} days, expected at least {FEWEST}")
     if count < FEWEST:
-        raise TooFewValues(f"got {days} days, {max(count, 0)} of them in phase I, expected at least {FEWEST} in phase "
-            "I and 1 more")
+        raise TooFewValues(f"got {days} day{'' if days == 1 else 's'}, expected at least {FEWEST + 1}: {FEWEST} in "
+            "phase I, and 1 to be checked")
     known = {key: one for key, one in values.items() if _has_pattern(key)}
     used = [key for key, one in known.items() if np.all(np.isfinite(one[:count]))]
     missing = tuple(key for key in known if key not in used)

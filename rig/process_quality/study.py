@@ -27,7 +27,7 @@ from rig.process_quality.gauge_study import GaugeStudy, gauge_study, table_of
 from rig.process_quality.golden import GoldenCheck, Key, golden_check
 from rig.process_quality.series import Series, limits_of, remarks_on, series_of, when
 from rig.results.quantities import QUANTITIES
-from rig.results.reader import ResultRow
+from rig.results.reader import ResultRow, listed
 
 Operator = Literal["operator", "station"]
 GOLDEN_QUANTITIES = frozenset({"peak_force_rebound", "peak_force_compression"})
@@ -151,6 +151,7 @@ def chart_study(rows: Sequence[ResultRow], baseline: int | None = None, limits: 
     series = series_of(rows)
     if not series:
         raise FileProblem("rig quality", [_nothing(rows)])
+    _require_match("rig quality", series, limits)
     results = tuple(_charted(one, baseline, limits) for one in series)
     return ChartStudy(results, tuple(remarks_on(rows)))
 
@@ -159,6 +160,26 @@ def _nothing(rows: Sequence[ResultRow]) -> str:
     if rows:
         return f"none of the {len(rows)} values is of a valid point. Fix: select other runs"
     return "no value matches. Fix: use other filters; `rig runs` lists the runs"
+
+
+def _require_match(place: str, series: Sequence[Series], limits: Limits) -> None:
+    """Refuse bands none of which is stated for any of the values.
+
+    Raises:
+        FileProblem: with what the bands and the values are of.
+    """
+    if limits.bands is None or any(limits.of(one) != (None, None) for one in series):
+        return
+    stated = [
+        f"{quantity} at {band.where}" if band.where else quantity for quantity, band in limits.bands.all
+        if band.low is not None or band.high is not None
+    ]
+    present = [f"{one.quantity} at {one.location}" for one in series]
+    raise FileProblem(place, [
+        f"no band with limits matches any of the values. Bands ({limits.bands.name}): "
+        f"{listed(stated, '; ') or 'none'}. Values: {listed(present, '; ')}. Fix: specify bands for these values, or "
+        "use --low and --high"
+    ])
 
 
 def _charted(series: Series, baseline: int | None, limits: Limits) -> SeriesResult:
@@ -228,9 +249,9 @@ def golden_study(rows: Sequence[ResultRow], baseline: int | None = None) -> Gold
     for name, option in (("specimen", "--specimen"), ("station", "--station")):
         known = sorted({getattr(row, name) for row in rows})
         if len(known) > 1:
-            listed = ", ".join(map(repr, known[:5])) + (", ..." if len(known) > 5 else "")
             raise FileProblem("rig quality golden", [
-                f"the values are of {len(known)} {name}s ({listed}), expected one. Fix: select it with {option}"
+                f"the values are of {len(known)} {name}s ({listed([*map(repr, known)])}), expected one. Fix: select it "
+                f"with {option}"
             ])
     specimen, ordered = rows[0].specimen, _days(series)
     campaigns = {row.campaign: place for place, row in enumerate(ordered)}
@@ -322,6 +343,7 @@ def gauge_studies(
     series = series_of(rows)
     if not series:
         raise FileProblem("rig quality gauge", [_nothing(rows)])
+    _require_match("rig quality gauge", series, limits)
     results = tuple(_gauged(one, by, limits) for one in series)
     if all(one.study is None for one in results):
         reasons = dict.fromkeys(reason for one in results for reason in one.why)

@@ -54,7 +54,11 @@ class Outbox:
         """The state in one line."""
         done = f"{self.delivered} of {self.delivered + self.waiting} campaigns delivered to {self.server}"
         waiting = f"; {self.waiting} waiting for the next attempt" if self.waiting else ""
-        return f"{done}{waiting}" + (f" ({self.error})" if self.error else "")
+        reason = self.error
+        if self.waiting and not reason:
+            reason = "no attempt so far" if self.last_attempt is None else (
+                f"new or changed since the last attempt, {self.last_attempt:%Y-%m-%d %H:%M} UTC")
+        return f"{done}{waiting}" + (f" ({reason})" if reason else "")
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `delivery` in `rig results --json`."""
@@ -97,6 +101,13 @@ def state_of(database: Database, filled: Filled, url: str | None = None) -> Stat
             names.append(server_name(url))
         outboxes = tuple(_outbox(connection, name) for name in names)
     return State(Path(database.place), filled, *numbers, outboxes)
+
+
+def servers_waited_for(database: Database) -> list[str]:
+    """Addresses, without passwords and options, of known servers that do not have every campaign as it is now."""
+    with database.transaction(reading=True) as connection:
+        names = connection.execute(select(servers.c.server).order_by(servers.c.server)).scalars().all()
+        return [name for name in names if _outbox(connection, name).waiting]
 
 
 def _outbox(connection: Connection, name: str) -> Outbox:

@@ -148,7 +148,10 @@ def _stamped(folder: Path, held: frozenset[int], done: Filled) -> dict[str, str]
 
 def _read(place: Path) -> tuple[Content | None, str]:
     """The rows of a run, and what could not be read."""
+    folder = CampaignFolder(place)
     try:
+        if folder.journal.is_file() and not folder.description.is_file() and not any(folder.points.iterdir()):
+            return None, ""  # of a campaign that was refused before anything was recorded
         with evaluating("the run"):
             content = content_of(place)
     except (RigError, OSError) as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, timedelta
@@ -20,6 +20,7 @@ from rig.results.run_index import RunFilter, fits_pattern
 from rig.results.schema import campaigns, characteristics, fits, parameters, stored_current
 
 MOST_AT_ONCE = 5_000
+MOST_LISTED = 5
 PLAIN = re.compile(r"[^*?\[]*")
 
 
@@ -132,6 +133,32 @@ def open_results(
     else:
         with server(url, create=False) as database:
             yield database, Filled()
+
+
+def listed(names: Sequence[str], separator: str = ", ") -> str:
+    """The first names of a list, and how many more there are."""
+    return separator.join(names[:MOST_LISTED]) + (
+        f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    )
+
+
+def unmatched(database: Database, wanted: ResultFilter) -> list[str]:
+    """Which text filters match no campaign, each with the names that the database contains; empty if each matches.
+
+    Raises:
+        Unreachable: the server was lost.
+    """
+    problems = []
+    with database.transaction(reading=True) as connection:
+        for name in ("specimen", "matrix", "station", "operator"):
+            text, column = getattr(wanted, name), campaigns.c[name]
+            if text is None:
+                continue
+            known = [one for one in connection.execute(select(column).distinct().order_by(column)).scalars() if one]
+            if not any(fits_pattern(one, text) for one in known):
+                there = f"known: {listed([*map(repr, known)])}" if known else "no campaign states one"
+                problems.append(f"--{name}: got {text!r}, {there}")
+    return problems
 
 
 def result_rows(database: Database, wanted: ResultFilter | None = None) -> Iterator[ResultRow]:

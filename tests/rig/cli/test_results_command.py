@@ -46,8 +46,18 @@ def test_the_state_of_a_folder_is_one_line_and_one_json_object(runs: Path) -> No
     assert rebuilt == told | {"read": 1}
 
 
+def test_the_folder_of_a_refused_campaign_is_not_reported(runs: Path) -> None:
+    (runs / "refused" / "points").mkdir(parents=True)
+    CampaignFolder(runs / "refused").journal.write_text('{"event": "refused"}\n')
+    (runs / "broken" / "points").mkdir(parents=True)
+    (runs / "broken" / "points" / "p001.h5").write_text("no HDF5")
+    assert set(json.loads(rig("results", "--in", runs, "--json").stdout)["remarks"]) == {"broken"}
+
+
 def test_values_are_shown_exported_and_given_to_scripts(runs: Path, tmp_path: Path) -> None:
     assert "fit bingham" in rig("results", "--in", runs, "--specimen", "MR-?").stdout
+    head, line = rig("results", "--in", runs, "--quantity", "F*").stdout.splitlines()[:2]
+    assert ("specimen verdict" in head, "fit bingham" in line) == (True, True), "one line for each value in a pipe"
     (row,) = json.loads(rig("results", "--in", runs, "--quantity", "Fy", "--json").stdout)["results"]
     assert (row["value"], row["std"], row["unit"], row["station"], row["started"]) == (
         5.0, 0.5, "N", "bench 1", "2026-11-27T10:00:00+00:00",
@@ -67,6 +77,10 @@ def test_a_server_that_cannot_be_reached_is_named_and_the_campaign_waits(
     shown = rig("results", "--in", runs, "--deliver", "--results", NOWHERE)
     assert shown.returncode == 2
     assert "0 of 1 campaigns delivered to postgresql://rig@127.0.0.1:1/rig; 1 waiting" in shown.stdout
+    known = rig("results", "--in", runs, "--deliver")
+    assert known.returncode == 2
+    assert "the server of the earlier delivery is used: postgresql://rig@127.0.0.1:1/rig" in known.stderr
+    assert "1 waiting" in known.stdout
     monkeypatch.setenv("RIG_RESULTS", NOWHERE)
     told = rig("results", "--in", runs, "--deliver", "--json")
     (outbox,) = json.loads(told.stdout)["delivery"]

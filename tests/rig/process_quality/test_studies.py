@@ -16,9 +16,10 @@ from in_process import rig
 from rig.comparison import load_bands
 from rig.display import Display
 from rig.document import html
+from rig.document.figure import Style
 from rig.errors import FileProblem
 from rig.process_quality.display_units import in_display
-from rig.process_quality.document import blocks_of, document_of
+from rig.process_quality.document import blocks_of, chart_figures, document_of
 from rig.process_quality.golden import Cause, Key, golden_check
 from rig.process_quality.study import Limits, chart_study, gauge_studies, golden_study
 from rig.results.reader import ResultRow
@@ -184,9 +185,26 @@ def test_capability_uses_the_bands_that_apply(tmp_path: Path) -> None:
     assert in_lbf.capability.ppk is not None
     assert near.capability.ppk is not None
     assert in_lbf.capability.ppk.value == pytest.approx(near.capability.ppk.value)
+    elsewhere = rows(normal(30), amplitude_m=0.05, motion="sine 50 mm 1 Hz")
+    for study in (chart_study, gauge_studies):
+        with pytest.raises(FileProblem, match=r"no band with limits matches .*at 30 mm, 0.5 A.*at sine 50 mm 1 Hz"):
+            study(elsewhere, limits=Limits(load_bands(file)))
     one = chart_study(rows(normal(30), specimen="S"), limits=Limits(low=470.0, high=530.0, reference=500.0)).results[0]
     assert one.measurement is not None
     assert one.measurement.cgk is not None
+
+
+def test_marked_values_name_their_campaigns_and_every_range_beyond_the_limit_is_marked() -> None:
+    values = normal(30)
+    values[27] += 60.0
+    study = chart_study(rows(values))
+    chart = study.results[0].chart
+    assert chart is not None
+    individual, moving = chart_figures(chart, "N", names=[f"SP-{number}" for number in range(30)])
+    assert "28: SP-27" in [trace.name for trace in individual.traces]
+    marked = {float(trace.x[0]) for trace in moving.traces if trace.style == Style.POINTS}
+    assert marked == {28.0, 29.0}, "the step and the return"
+    assert "28: S27" in html.page(document_of(study, simulated=False))
 
 
 def test_mixed_and_missing_rows_are_named() -> None:
@@ -195,7 +213,7 @@ def test_mixed_and_missing_rows_are_named() -> None:
     assert chart_study(rows(normal(4))).results[0].why[0].startswith("no control chart: got 4 values")
     bad: tuple[tuple[Callable[[Sequence[ResultRow]], object], list[ResultRow], str], ...] = (
         (golden_study, rows(normal(12)), "12 specimens"),
-        (golden_study, rows(normal(5), specimen="G"), "expected at least 8"),
+        (golden_study, rows(normal(5), specimen="G"), "got 5 days, expected at least 9: 8 in phase I"),
         (chart_study, [], "no value matches"), (chart_study, rows(normal(9), verdict="invalid"), "valid point"),
         (golden_study, [*rows(normal(12), specimen="G"), row(99, 500.0, specimen="G", verdict="invalid")],
          "last run .run99. cannot be checked: no point is valid"),
@@ -256,6 +274,8 @@ def test_the_command_names_the_specimen_that_differs(tmp_path: Path) -> None:
     assert (force["specimens"][10], force["unit"]) == ("SP-010", "N")
     assert {one["index"] for one in force["chart"]["violations"] if one["rule"] == "beyond-3-sigma"} == {10}
     assert all(word in page.read_text(encoding="utf-8") for word in ("SP-010", "lbf"))
+    unknown = rig("quality", "golden", "--in", tmp_path / "runs", "--station", "bench 1")
+    assert (unknown.returncode, "got 'bench 1', known: 'simulated bench'" in unknown.stderr) == (2, True)
     for words in (("--pdf",), ("--low", "3", "--high", "2"), ("golden", "--in", tmp_path / "runs")):
         refused = rig("quality", "--in", tmp_path / "runs", *words)
         assert refused.returncode == 2
