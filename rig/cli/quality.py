@@ -145,7 +145,8 @@ def _rows(
             if name is not None and not read:
                 _check_quantity(name)
             rows += read
-        if not rows and (problems := unmatched(database, ResultFilter(**filters))):
+        named: dict[str, Any] = {**filters}
+        if not rows and (problems := unmatched(database, ResultFilter(**named))):
             place = "rig quality" if kind == KINDS[0] else f"rig quality {kind}"
             raise FileProblem(place, [f"no value matches. {problem}. Fix: correct the filter" for problem in problems])
     if kind == "golden":
