@@ -53,7 +53,7 @@ UNFOLDED = 1_000
          "read instead of the folder. Password: PGPASSWORD or ~/.pgpass.",
 )
 @click.option("--deliver", is_flag=True, help="Deliver all campaigns that the server does not have. The default server "
-              "is that of the RIG_RESULTS variable, of the newest run's bench file, or of the earlier delivery.")
+              "is that of the RIG_RESULTS variable or the newest run's bench file.")
 @click.option("--rebuild", is_flag=True, help="Rebuild the database from the run directories.")
 @click.option("--csv", "csv_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
               help="Write the selected values to a CSV file.")  # fmt: skip
@@ -123,10 +123,10 @@ def _state(folder: Path, url: str | None, *, deliver: bool, rebuild: bool, as_js
 
 
 def _configured(folder: Path, database: Database) -> str:
-    """Address of the server in the environment, or in the newest run's bench file, or the one campaigns wait for.
+    """Address of the server in the environment, or in the newest run's bench file.
 
     Raises:
-        FileProblem: there is none, or it is not valid, or campaigns wait for several servers.
+        FileProblem: there is none, or it is not valid; the servers that campaigns wait for are named.
     """
     from rig.results.delivery import servers_waited_for  # loads SQLAlchemy: not needed for the help
 
@@ -138,14 +138,10 @@ def _configured(folder: Path, database: Database) -> str:
     for name in reversed(by_age(folder)):
         if (configured := address_of_run(folder / name)) is not None:
             return configured
-    waited_for = servers_waited_for(database)
-    if len(waited_for) == 1:
-        say(f"no results server is configured; the server of the earlier delivery is used: {waited_for[0]}", err=True)
-        return waited_for[0]
-    if waited_for:
+    if waited_for := servers_waited_for(database):  # stored without options such as sslmode: not used silently
         raise FileProblem(str(folder), [
-            f"campaigns are waiting for {len(waited_for)} servers ({', '.join(waited_for)}). Fix: select one with "
-            "--results"
+            f"no results server is configured; campaigns are waiting for {', '.join(waited_for)}. Fix: specify "
+            f"--results {waited_for[0]}"
         ])
     raise FileProblem(str(folder), [
         "no results server is configured. Fix: specify --results postgresql://USER@HOST/DATABASE, or set url in the "

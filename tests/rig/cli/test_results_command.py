@@ -79,8 +79,7 @@ def test_a_server_that_cannot_be_reached_is_named_and_the_campaign_waits(
     assert "0 of 1 campaigns delivered to postgresql://rig@127.0.0.1:1/rig; 1 waiting" in shown.stdout
     known = rig("results", "--in", runs, "--deliver")
     assert known.returncode == 2
-    assert "the server of the earlier delivery is used: postgresql://rig@127.0.0.1:1/rig" in known.stderr
-    assert "1 waiting" in known.stdout
+    assert "--results postgresql://rig@127.0.0.1:1/rig" in known.stderr
     monkeypatch.setenv("RIG_RESULTS", NOWHERE)
     told = rig("results", "--in", runs, "--deliver", "--json")
     (outbox,) = json.loads(told.stdout)["delivery"]
