@@ -138,7 +138,7 @@ def _equal(point: object, name: str, required: str | float) -> bool:
 
 @dataclass(frozen=True, repr=False)
 class Run:
-    """A campaign's directory and its points in the order of their names; of tests from elsewhere, their points.
+    """A campaign's directory and its points in the order of their names; of imported tests, in that of the import.
 
     `len(run)`, `for point in run`, `run["p001"]`, `run[0]` and `run[:3]` (a run of three points) are those of a
     sequence of points.
@@ -282,6 +282,8 @@ class Run:
             raise FileProblem(str(place), [f"points/{name}.h5: {problem}" for name, problem in problems])
         described = read_campaign(place)
         points, copies = _without_copies(points)
+        order = _import_order(described)
+        points = sorted(points, key=lambda point: order.get(_stem(point), len(order)))
         for remark in _misplaced(points, described):
             warnings.warn(f"{place}: {remark}", DataWarning, stacklevel=2)
         unreadable = tuple(f"{name} left out: unreadable (points/{name}.h5: {problem})" for name, problem in problems)
@@ -409,6 +411,13 @@ def _without_copies(points: list[RecordedPoint]) -> tuple[list[RecordedPoint], t
                 f"{point.id} as points/{_stem(first)}.h5)"
             )
     return sorted(kept.values(), key=_stem), tuple(copies)
+
+
+def _import_order(campaign: Mapping[str, Any]) -> dict[str, int]:
+    """Place of each test of an imported run by its name: in the order of the files and of the sheets of a workbook."""
+    entries = campaign.get("points") if campaign.get("imported") is True else None
+    names = [entry.get("id") for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+    return {name: place for place, name in enumerate(names) if isinstance(name, str)}
 
 
 def _misplaced(points: Iterable[RecordedPoint], campaign: Mapping[str, Any]) -> Iterator[str]:

@@ -63,6 +63,13 @@ def test_a_imported_test_becomes_a_point_in_si_with_measured_amplitude_and_frequ
     assert "D-7" in run.path.name
 
 
+def test_the_points_of_an_imported_run_are_in_the_order_of_the_import(tmp_path: Path) -> None:
+    second, first = sine_file(tmp_path), tmp_path / "zz.csv"
+    first.write_bytes(second.read_bytes())
+    folder = import_tests([first, second], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)
+    assert [point.id for point in Run.open(folder).points] == ["zz", second.stem]
+
+
 @pytest.mark.parametrize(("given", "tested"), [
     ("2026-03-05", "2026-03-05"), ("5.3.2026", "2026-03-05"),
     ("2026-03-05T14:30:00+02:00", "2026-03-05T12:30:00+00:00"),
