@@ -29,7 +29,7 @@ def trajectory_of(model: Integrable) -> Compiled:
     extension (m), velocity (m/s), acceleration (m/s^2) and coil current (A), (n,) each, and the sampling interval (s).
     Gives the force (N), (n,), and the states, (n, S).
     """
-    return _trajectory_of(model)
+    return _for_any_layout(_trajectory_of(model))
 
 
 def inverse_of(model: Integrable) -> Compiled:
@@ -44,21 +44,19 @@ def inverse_of(model: Integrable) -> Compiled:
     0), least and greatest force over the grid (N), what the current has to make up of an error of the wanted force (1)
     and of its rate (s), in force, then the states, (n, 8 + S).
     """
-    return _inverse_of(model)
+    return _for_any_layout(_inverse_of(model))
 
 
 @cache
 def _trajectory_of(model: Integrable) -> Compiled:
-    loop = cached(_trajectory(key_of(model), model.states), _force=kernel_of(model).force, _step=sampled_step(model))
-    return _for_any_layout(loop)
+    return cached(_trajectory(key_of(model), model.states), _force=kernel_of(model).force, _step=sampled_step(model))
 
 
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
     kernel = kernel_of(model)
     held = kernel.held or _at_once(kernel.force)
-    loop = cached(_inverse(key_of(model), model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
-    return _for_any_layout(loop)
+    return cached(_inverse(key_of(model), model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
 
 
 def _for_any_layout(loop: Compiled) -> Compiled:

@@ -142,8 +142,8 @@ def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) 
 @pytest.mark.parametrize("named", ["bouc_wen", "bingham"])
 def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_in_each_process(named: str) -> None:
     model = dampers.model(named)
-    made = [kernel._pointwise_of(model), kernel._stepwise_of(model), trajectory.trajectory_of(model),  # type: ignore[arg-type]  # integrable
-            trajectory.inverse_of(model), step.plant_loop(), sprung_slopes.compiled_pass()]  # type: ignore[arg-type]  # fmt: skip
+    made = [kernel._pointwise_of(model), kernel._stepwise_of(model), trajectory._trajectory_of(model),  # type: ignore[arg-type]  # integrable
+            trajectory._inverse_of(model), step.plant_loop(), sprung_slopes.compiled_pass()]  # type: ignore[arg-type]  # fmt: skip
     modules = (frames, conditioner, kernels, loop_curve, virtual_test)
     known = [value for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
     kept = [value for value in (*made, *known) if not isinstance(value._cache, NullCache)]
