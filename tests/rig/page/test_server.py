@@ -504,14 +504,20 @@ def test_a_report_that_another_program_writes_appears_in_the_history(rig: Rig, t
     async def do(page: PageServer, access: Access) -> None:
         await page.refresh()
         uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[Role.VIEWER]}&client=a&view=bench"
+        async def keep_changing() -> None:
+            while True:
+                page.send_changes()
+                await asyncio.sleep(0.01)
+
         async with connect(uri) as browser:
             reported = []
+            changing = asyncio.create_task(keep_changing())
             while len(reported) < 2:
                 message = json.loads(await browser.recv())
                 if message["type"] == "history":
                     reported.append(message["runs"][0]["report"])
                     (run / "report.html").write_text("x")
-                page.send_changes()
+            changing.cancel()
         assert reported == [False, True]
 
     served(rig, do, shown=control)
