@@ -292,11 +292,11 @@ class PageServer:
 
     async def _look_again(self, control: BenchControl) -> None:
         """Show what other programs have changed in the folder of runs."""
-        before = control.history.runs
+        before = self._history(control)
         async with self._looking:
             await asyncio.to_thread(control.history.look)
-        if control.history.runs != before:
-            broadcast(self._on_bench(), written(self._history(control)))
+        if (after := self._history(control)) != before:
+            broadcast(self._on_bench(), written(after))
 
     @staticmethod
     def _history(control: BenchControl) -> dict[str, Any]:
