@@ -126,12 +126,12 @@ def is_imported(run: CampaignFolder) -> bool:
 def _imported(run: CampaignFolder) -> dict[str, Any]:
     points: list[dict[str, Any]] = []
     with contextlib.suppress(OSError, ValueError, RecursionError, subprocess.SubprocessError):
-        points = _objects(json.loads(read_apart("rig.recording.listing", run.path) or b"[]"))
+        points = _objects(json.loads(_read_apart("rig.recording.listing", run.path) or b"[]"))
     valid = sum(point.get("verdict") == "valid" for point in points)
     return {"imported": True, "valid": valid, "total": len(points), "points": points, "lines": []}
 
 
-def read_apart(module: str, path: Path) -> bytes | None:
+def _read_apart(module: str, path: Path) -> bytes | None:
     """What a separate process reads of a file or folder from outside; None if it fails."""
     silent = subprocess.DEVNULL
     command = own_program(module, str(path))
@@ -225,7 +225,7 @@ def trials_of(drives: Path) -> dict[str, Any] | None:
         newest = max(files, key=lambda path: path.stat().st_mtime_ns, default=None)
         if newest is None:
             return None
-        written = read_apart("rig.recording.drive_excerpt", newest)
+        written = _read_apart("rig.recording.drive_excerpt", newest)
         trials = None if written is None else json.loads(written)
         return trials if isinstance(trials, dict) else None
     return None
@@ -243,7 +243,7 @@ def recorded_frame(path: Path) -> bytes | None:
 
 
 def _frame(path: Path) -> bytes | None:
-    excerpt = read_apart("rig.recording.excerpt", path)
+    excerpt = _read_apart("rig.recording.excerpt", path)
     if excerpt is None:
         return None
     arrays = np.load(io.BytesIO(excerpt), allow_pickle=False)
