@@ -13,7 +13,7 @@ from rig.identification.points.response_steps import ResponseTest
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.results.quantities import ENDURANCE_CYCLES, ENDURANCE_PROGRESS, cycles_to, response_time, wear
-from rig.signals.step_response.result import LEVELS, TimeResult
+from rig.signals.step_response.result import LEVEL_NAMES, TimeResult
 from rig.signals.wear_trend import RULES, StopRule
 from rig.test_point import ENDURANCE
 
@@ -54,7 +54,7 @@ def _exact(value: float) -> Measured:
 def _of_response(test: ResponseTest) -> Values:
     """Measured times of one step; a time that the rig cannot resolve has no row."""
     times: dict[str, TimeResult] = {"dead_time": test.force.dead}
-    times |= {f"t{100 * level:.0f}": test.best(place) for place, level in enumerate(LEVELS)}
+    times |= {name: test.best(place) for place, name in enumerate(LEVEL_NAMES)}
     if test.current is not None:
         times["coil_t63"] = test.current.best(0)
     return {
