@@ -51,9 +51,9 @@ def known_remark(text: str, slug: str, numbers: Mapping[str, object]) -> Remark:
     return remark
 
 
-def some(texts: Sequence[str], separator: str = ", ") -> str:
-    """The first three of a list, and how many more there are."""
-    return separator.join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
+def some(texts: Sequence[str], separator: str = ", ", most: int = 3) -> str:
+    """The first ones of a list, and how many more there are."""
+    return separator.join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
 
 
 PARAMETERS = {

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rig.fits.plain import plain
+from rig.identification.remarks import some
 from rig.process_quality.control_chart import RESOLUTION, TooFewValues
 from rig.signals.arrays import FloatArray
 
@@ -42,6 +43,8 @@ ADVISED_PARTS, ADVISED_OPERATORS = 5, 2
 GOOD_PERCENT, FAIR_PERCENT = 10.0, 30.0
 """AIAG: %GRR below 10 % is good, above 30 % not acceptable."""
 FEWEST_CATEGORIES = 5
+MOST_NAMED = 5
+"""Missing combinations in a message."""
 
 
 @dataclass(frozen=True)
@@ -303,14 +306,14 @@ def table_of(cells: Mapping[tuple[str, str], Sequence[float]]) -> tuple[NDArray[
         operators.
 
     Raises:
-        ValueError: an operator did not measure a part; the message names all of these.
+        ValueError: an operator did not measure a part; the message names the first of these.
     """
     parts, operators = (sorted({key[place] for key in cells}) for place in (0, 1))
     missing = [f"{part} by {operator}" for part in parts for operator in operators if not cells.get((part, operator))]
     if missing:
-        listed = "; ".join(missing[:5]) + (f"; and {len(missing) - 5} more" if len(missing) > 5 else "")
-        raise ValueError(f"{len(missing)} of {len(parts) * len(operators)} combinations were not measured: {listed}. "
-            "Fix: test them; the analysis of variance requires each combination at least once")
+        raise ValueError(f"{len(missing)} of {len(parts) * len(operators)} combinations were not measured: "
+            f"{some(missing, '; ', MOST_NAMED)}. Fix: test them; the analysis of variance requires each combination at "
+            "least once")
     values = np.full((len(parts), len(operators), max(map(len, cells.values()))), np.nan)
     for row, part in enumerate(parts):
         for column, operator in enumerate(operators):

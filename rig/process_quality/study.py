@@ -14,6 +14,7 @@ from rig.comparison.bands import Bands
 from rig.display import SI, Display, Shown
 from rig.errors import FileProblem
 from rig.fits.plain import plain
+from rig.identification.remarks import some
 from rig.process_quality.capability import (
     Capability,
     GaugeCapability,
@@ -27,7 +28,7 @@ from rig.process_quality.gauge_study import GaugeStudy, gauge_study, table_of
 from rig.process_quality.golden import GoldenCheck, Key, golden_check
 from rig.process_quality.series import Series, limits_of, remarks_on, series_of, when
 from rig.results.quantities import QUANTITIES
-from rig.results.reader import ResultRow, listed
+from rig.results.reader import MOST_LISTED, ResultRow
 
 Operator = Literal["operator", "station"]
 GOLDEN_QUANTITIES = frozenset({"peak_force_rebound", "peak_force_compression"})
@@ -177,8 +178,8 @@ def _require_match(place: str, series: Sequence[Series], limits: Limits) -> None
     present = [f"{one.quantity} at {one.location}" for one in series]
     raise FileProblem(place, [
         f"no band with limits matches any of the values. Bands ({limits.bands.name}): "
-        f"{listed(stated, '; ') or 'none'}. Values: {listed(present, '; ')}. Fix: specify bands for these values, or "
-        "use --low and --high"
+        f"{some(stated, '; ', MOST_LISTED) or 'none'}. Values: {some(present, '; ', MOST_LISTED)}. "
+        "Fix: specify bands for these values, or use --low and --high"
     ])
 
 
@@ -250,8 +251,8 @@ def golden_study(rows: Sequence[ResultRow], baseline: int | None = None) -> Gold
         known = sorted({getattr(row, name) for row in rows})
         if len(known) > 1:
             raise FileProblem("rig quality golden", [
-                f"the values are of {len(known)} {name}s ({listed([*map(repr, known)])}), expected one. Fix: select it "
-                f"with {option}"
+                f"the values are of {len(known)} {name}s ({some([*map(repr, known)], most=MOST_LISTED)}), expected "
+                f"one. Fix: select it with {option}"
             ])
     specimen, ordered = rows[0].specimen, _days(series)
     campaigns = {row.campaign: place for place, row in enumerate(ordered)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, timedelta
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from sqlalchemy import ColumnElement, Select, case, func, literal, null, or_, select
 
 from rig.errors import FileProblem
+from rig.identification.remarks import some
 from rig.results.connection import Database, server
 from rig.results.filling import Filled, filled_database
 from rig.results.quantities import QUANTITIES, SPECIMEN
@@ -135,13 +136,6 @@ def open_results(
             yield database, Filled()
 
 
-def listed(names: Sequence[str], separator: str = ", ") -> str:
-    """The first names of a list, and how many more there are."""
-    return separator.join(names[:MOST_LISTED]) + (
-        f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-    )
-
-
 def unmatched(database: Database, wanted: ResultFilter) -> list[str]:
     """Which text filters match no campaign, each with the names that the database contains; empty if each matches.
 
@@ -156,7 +150,7 @@ def unmatched(database: Database, wanted: ResultFilter) -> list[str]:
                 continue
             known = [one for one in connection.execute(select(column).distinct().order_by(column)).scalars() if one]
             if not any(fits_pattern(one, text) for one in known):
-                there = f"known: {listed([*map(repr, known)])}" if known else "no campaign states one"
+                there = f"known: {some([*map(repr, known)], most=MOST_LISTED)}" if known else "no campaign states one"
                 problems.append(f"--{name}: got {text!r}, {there}")
     return problems
 
