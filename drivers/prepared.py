@@ -19,6 +19,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from typing import IO, Any
 
 from drivers.processes import PREPARED, own_program
 
@@ -88,6 +89,34 @@ class Prepared:
             (process, line), self._waiting = self._waiting, None
             line.close()
             _end(process)
+
+
+def start_program(
+    module: str, arguments: Sequence[str], files: Mapping[int, IO[Any]], inherited: Sequence[int] = (), *,
+    prepared: Prepared | None,
+) -> subprocess.Popen[bytes]:
+    """Start a program of this project, in the process that was loaded in advance, if there is one.
+
+    It has a session of its own; its standard input and output are pipes, unless `files` has others.
+
+    Args:
+        module: its module, as for `python -m`.
+        arguments: of the program.
+        files: number of a descriptor of the process (0, 1, 2) -> file that takes its place.
+        inherited: further descriptors that the process keeps open.
+        prepared: a process of this program that may wait; None: the program is loaded now.
+
+    Raises:
+        OSError: the process cannot be started.
+    """
+    if prepared is not None:
+        replaced = {number: file.fileno() for number, file in files.items()}
+        if (loaded := prepared.start(arguments, replaced, inherited)) is not None:
+            return loaded
+    return subprocess.Popen(
+        own_program(module, *arguments), stdin=files.get(0, subprocess.PIPE), stdout=files.get(1, subprocess.PIPE),
+        stderr=files.get(2, subprocess.DEVNULL), start_new_session=True, pass_fds=inherited,
+    )
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

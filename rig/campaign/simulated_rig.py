@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.posix import fcntl
-from drivers.prepared import Prepared
-from drivers.processes import own_program, stat_fields
+from drivers.prepared import Prepared, start_program
+from drivers.processes import stat_fields
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.words import say
@@ -95,11 +95,7 @@ def start_process(
         prepared: a process of `simulators.prepared` that may wait; None: the rig is loaded now.
     """
     with open_to_append(log_path) as log, open(os.devnull, "rb") as nothing:
-        loaded = prepared and prepared.start(arguments, {0: nothing.fileno(), 2: log.fileno()})
-        return loaded or subprocess.Popen(
-            own_program("simulators", *arguments), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log,
-            start_new_session=True,
-        )
+        return start_program("simulators", arguments, {0: nothing, 2: log}, prepared=prepared)
 
 
 @dataclass

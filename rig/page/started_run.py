@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drivers.prepared import Prepared
-from drivers.processes import own_program, stat_fields
+from drivers.prepared import Prepared, start_program
+from drivers.processes import stat_fields
 from rig.errors import FileProblem
 from rig.station.live_folder import read_json, replace_json
 from rig.text_file import read_bytes
@@ -70,12 +70,8 @@ class StartedRun:
             output, messages = (files.enter_context(_new_file(folder / name)) for name in (OUTPUT, MESSAGES))
             run._write()
             nothing = files.enter_context(open(os.devnull, "rb"))
-            replaced = {0: nothing.fileno(), 1: output.fileno(), 2: messages.fileno()}
-            loaded = prepared and prepared.start(("run", *arguments), replaced)
-            run._process = loaded or subprocess.Popen(
-                own_program("rig.cli.main", "run", *arguments), stdin=nothing, stdout=output, stderr=messages,
-                start_new_session=True,
-            )
+            streams = {0: nothing, 1: output, 2: messages}
+            run._process = start_program("rig.cli.main", ("run", *arguments), streams, prepared=prepared)
         run.pid, run.ticks = run._process.pid, _began(run._process.pid)
         try:
             run._write()

@@ -18,8 +18,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from drivers.prepared import Prepared
-from drivers.processes import own_program
+from drivers.prepared import Prepared, start_program
 from rig.bench.settings import StationConfig
 from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns
@@ -83,15 +82,7 @@ class StationClient:
         write_text_durably(config_path, config.to_json())
         log_path = CampaignFolder(folder).station_log
         with open_to_append(log_path) as log:
-            loaded = prepared and prepared.start([str(config_path)], {2: log.fileno()}, inherited)
-            process = loaded or subprocess.Popen(
-                own_program("rig.station", str(config_path)),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                start_new_session=True,
-                pass_fds=inherited,
-            )
+            process = start_program("rig.station", [str(config_path)], {2: log}, inherited, prepared=prepared)
         client = cls(process)
         deadline_ns = monotonic_ns() + int(timeout_s * 1e9)
         while monotonic_ns() < deadline_ns and client.alive:
