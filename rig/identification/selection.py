@@ -19,7 +19,7 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import ModelScore, mean_within
 from rig.identification.models.coverage import beyond, covered_by
-from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced, spanning
+from rig.identification.models.measurement import Measurement, all_but, first_cycle, set_of, spaced, spanning
 from rig.identification.models.separable import SCREENED, SearchAbandoned, SearchState, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, solve_folds, splits
 from rig.identification.models.undetermined import examine
@@ -288,8 +288,8 @@ def cross_validated(
         return []
     errors: list[_Predicted] = []
     for group, values in zip(groups, solve_folds(model, measurements, groups, method, near), strict=True):
-        rest = [test for number, test in enumerate(measurements) if number not in set(group)]
-        errors += _predicted(model, values, [measurements[number] for number in group], rest)
+        unseen = [measurements[number] for number in group]
+        errors += _predicted(model, values, unseen, all_but(measurements, group))
     return errors
 
 

@@ -295,6 +295,11 @@ def set_of(tests: Sequence[Measurement]) -> TestSet:
     return TestSet.of([test.current for test in tests], [test.motion for test in tests])
 
 
+def all_but(tests: Sequence[Measurement], numbers: Sequence[int]) -> list[Measurement]:
+    """The tests without those with these indices."""
+    return [test for number, test in enumerate(tests) if number not in numbers]
+
+
 def first_cycle(test: Measurement) -> Measurement:
     """The first whole cycle of a measurement; the measurement itself when it has no more."""
     stop = test.samples_per_cycle

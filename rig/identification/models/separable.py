@@ -21,7 +21,7 @@ from rig.dampers.parameter import ModelProblem
 from rig.dampers.separation import MotionScale, Separation
 from rig.errors import IdentificationFailed
 from rig.identification.models.inner_least_squares import Inner
-from rig.identification.models.measurement import Measurement, first_cycle, spaced, spanning
+from rig.identification.models.measurement import Measurement, all_but, first_cycle, spaced, spanning
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.tanh_projection import TanhProjection
 from rig.identification.remarks import Remark, say
@@ -267,8 +267,8 @@ def solve_folds(
     for shape in (start, *beside):
         whole.remember(shape)
     solutions = []
-    for number, (_, held) in enumerate(folds):
-        own = split([test for test, group in zip(measurements, group_of.tolist(), strict=True) if group != number])
+    for number, (group, held) in enumerate(folds):
+        own = split(all_but(measurements, group))
         projection = whole.left_out(number, own, own.held_here(held))
         inside = np.clip(start, own.limits[:, 0], own.limits[:, 1])
         rest = _rest(projection, start, beside) if beside else None

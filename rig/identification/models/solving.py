@@ -22,7 +22,7 @@ from rig.dampers.model import DamperModel
 from rig.dampers.separation import Separation
 from rig.errors import IdentificationFailed
 from rig.identification.models.law_search import solve_with_current_law
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, all_but
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem, unmirrored
 from rig.identification.models.projection import Weight, Weighting
@@ -190,7 +190,7 @@ def solve_folds(
     Raises:
         IdentificationFailed: as `solve`.
     """
-    rests = [[test for number, test in enumerate(measurements) if number not in set(group)] for group in groups]
+    rests = [all_but(measurements, group) for group in groups]
     findings = [examine(model, rest) for rest in rests]
     split = _splitting(model, measurements) if method.name == SEPARABLE and method.loss == SQUARES else None
     if split is None or near is None:
