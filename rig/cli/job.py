@@ -248,29 +248,29 @@ def run_job(
             if live is not None:
                 live.evaluated(specimen)
             return JobResult(result, specimen=specimen)
-        doing = "identifying the damper" if _fitted(result, identify) else "evaluating the points"
-        with status_line(console, doing):
+        fitted = _fitted(result, identify) is not None
+        with status_line(console, "identifying the damper" if fitted else "evaluating the points"):
             answer = analyst.answer()
         specimen = _specimen(result.campaign, answer)
         if live is not None:
             live.evaluated(specimen)
-        report: dict[str, Any] = {"report": None, "report_error": None}
+        report = dict[str, Any]()
         if line is not None:
             analyst.finish(result.campaign)
         elif "ended" in answer:
-            report["report_error"] = answer["ended"]
+            report = answer
         else:
             with status_line(console, "writing the report"):
                 analyst.report(result.campaign)
-                report |= analyst.answer()
-            report["report_error"] = report.pop("ended", report["report_error"])
-    if report["report_error"] is not None:
+                report = analyst.answer()
+    report_error = report.get("report_error", report.get("ended"))
+    if report_error is not None:
         with contextlib.suppress(OSError):
-            text = f"warning: the report could not be written: {report['report_error']}"
+            text = f"warning: the report could not be written: {report_error}"
             console.print(text, style="yellow", markup=False)
-    fit, path = (None if name is None else Path(name) for name in (answer.get("fit"), report["report"]))
-    error = answer.get("error", answer.get("ended") if _fitted(result, identify) else None)
-    return JobResult(result, fit, path, error, report["report_error"], specimen)
+    fit, path = (None if name is None else Path(name) for name in (answer.get("fit"), report.get("report")))
+    error = answer.get("error", answer.get("ended") if fitted else None)
+    return JobResult(result, fit, path, error, report_error, specimen)
 
 
 def _fitted(result: CampaignResult, identify: Identify | None) -> Identify | None:
