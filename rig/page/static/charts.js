@@ -433,12 +433,14 @@ class CurveChart {
   draw(xs, columns) { // columns: values of each line (SI; null: unknown)
     this.xs = xs; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
     const all = this.columns.flat().filter(isFinite), ends = all.length ? [all.reduce((a, b) => Math.min(a, b)), all.reduce((a, b) => Math.max(a, b))] : [0, 0];
-    const y = this.range.follow(...shown_range(this.quantity, ends), magnitude(this.quantity, this.least));
+    const needed = shown_range(this.quantity, ends), y = this.range.follow(...needed, this.half_range(needed));
     this.plot.draw(this.columns.map((values) => [xs, values]), {
-      x: [xs[0] || 0, Math.max(xs[xs.length - 1] || 0, (xs[0] || 0) + 1)],
+      x: this.x_range(xs),
       y: [isFinite(this.low) ? shown(this.quantity, this.low) : y[0], isFinite(this.high) ? shown(this.quantity, this.high) : y[1]],
     });
   }
+  x_range(xs) { return [xs[0] || 0, Math.max(xs[xs.length - 1] || 0, (xs[0] || 0) + 1)]; }
+  half_range() { return magnitude(this.quantity, this.least); } // the least one
   values(left) {
     const { x } = this.plot.shown_range(), at = x[0] + (x[1] - x[0]) * left / this.plot.plot.over.clientWidth;
     if (!this.xs.length) return null;
@@ -454,11 +456,11 @@ class WearChart extends CurveChart {
     super(box, id, { label: "cycles", text: (cycles) => `${count(cycles)} cycles`, ticks: count }, quantity, name, lines.map((line) => ({ ...line, dots: true })), { sync: "wear" });
   }
   draw(cycles, columns) {
-    const all = columns.flat().filter((value) => value !== null && isFinite(value)), y = all.length ? shown_range(this.quantity, [Math.min(...all), Math.max(...all)]) : [0, 0];
-    this.xs = cycles; this.columns = columns.map((values) => values.map((value) => value === null ? NaN : value));
-    this.plot.box.closest("section").hidden = !all.length;
-    this.plot.draw(this.columns.map((values) => [cycles, values]), { x: [0, Math.max(1, 1.12 * cycles[cycles.length - 1] || 1)], y: this.range.follow(...y, Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs)))) });
+    this.plot.box.closest("section").hidden = !columns.flat().some((value) => value !== null && isFinite(value));
+    super.draw(cycles, columns);
   }
+  x_range(cycles) { return [0, Math.max(1, 1.12 * cycles[cycles.length - 1] || 1)]; }
+  half_range(y) { return Math.max(1e-3, 0.02 * Math.max(...y.map(Math.abs))); }
 }
 function draw_known(pen, xs, ys, px, py) {
   let on = false;
