@@ -8,8 +8,7 @@ const WORDS = {
   "no-lease": NO_LEASE, "name-missing": "Type your name first.", "not-reached": "The run is not responding.",
   "not-running": "No run is in progress.",
 };
-const pdf_of = (name) => with_token(`/pdf/${encodeURIComponent(name)}`, standing.report_token || token);
-const report_of = (name) => with_token(`/report/${encodeURIComponent(name)}`, standing.report_token || token);
+const report_of = (name, kind = "report") => with_token(`/${kind}/${encodeURIComponent(name)}`, standing.report_token || token);
 function busy() { return Boolean(bench.phase) && bench.phase !== "idle"; }
 function frame() {}
 function gauges() {}
@@ -227,7 +226,7 @@ function show_history() {
     const result = element("td"); result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), element("span", text)); for (const more of [run.text, SPECIMEN[run.specimen_verdict] ? `specimen ${SPECIMEN[run.specimen_verdict]}: ${run.specimen_reason}` : ""]) if (more) result.append(element("div", more.length > 160 ? `${more.slice(0, 160)} …` : more, "small"));
     const points = `${run.valid} of ${run.total} valid${run.suspect ? `, ${run.suspect} suspect` : ""}${run.invalid ? `, ${run.invalid} invalid` : ""}`;
     if (run.report) { const link = element("a", "Report"); link.href = report_of(run.name); link.target = "_blank"; link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name}`); acts.append(link); }
-    if (run.pdf) { const link = element("a", "PDF"); link.href = pdf_of(run.name); link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name} as PDF`); acts.append(link); }
+    if (run.pdf) { const link = element("a", "PDF"); link.href = report_of(run.name, "pdf"); link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name} as PDF`); acts.append(link); }
     if (standing.role === "operator") {
       if (!run.report && run.recorded && run.ended !== "running") acts.append(act("Make report", run, () => say({ do: "make-report", run: run.name })));
       if (run.resumable) acts.append(act("Resume…", run, () => ask_questions(run.name)));

@@ -197,11 +197,10 @@ function take(message) {
   judge();
 }
 function described(message) {
-  if (run && run.name !== message.name) { trials = null; draw_trials(); }
+  if (run && run.name !== message.name) { trials = null; draw_trials(); endurance = []; draw_endurance(); } // another run may have neither
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
   if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
   if (finished_run && message.name !== finished_run) { finished_run = ""; window.history.replaceState(null, "", with_token("/run")); } // the rig is in use
-  if (run && run.name !== message.name) { endurance = []; draw_endurance(); } // another run may have no such test
   run = message; show_rig(); take_auxiliary(run.devices); lamps(); matrix(); draw_trends(); legends(); by_id("name-of-run").textContent = run.name;
   GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }
