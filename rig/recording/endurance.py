@@ -137,6 +137,11 @@ class FollowedRule(NamedTuple):
     change: FloatArray
     forecast: Forecast
 
+    @property
+    def last(self) -> float | None:
+        """Change of the last section in which it is known, since the last one may have no statistics; None: of none."""
+        return _last_known(self.change)
+
 
 class EnduranceLedger:
     """The pieces of one endurance test.
@@ -250,8 +255,7 @@ class EnduranceLedger:
 
     def _rule_json(self, rule: StopRule) -> dict[str, Any]:
         followed = self.followed(rule)
-        change = followed.change
-        value, expected, why = _last_known(change), followed.forecast, self.why_not_evaluated(rule)
+        value, expected, why = followed.last, followed.forecast, self.why_not_evaluated(rule)
         return {
             "name": rule.name, "limit": rule.limit, "relative": rule.kind.relative, "value": value,
             "forecast": {**expected._asdict(), "reason": expected.reason or None},

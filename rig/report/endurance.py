@@ -82,17 +82,12 @@ def _endurance_fact(test: EnduranceTest) -> Fact:
     if ended:
         parts = [f"{parts[0]}, of {shown['cycles_planned']:,} planned", f"ended by a stop rule: {RULES[ended].words}"]
     for rule in test.ledger.rules:
-        known = _known(test.ledger.followed(rule).change)
-        if known.size:
-            parts.append(f"{rule.kind.words} {_value(rule, float(known[-1]))} (limit {_value(rule, rule.limit)})")
+        last = test.ledger.followed(rule).last
+        if last is not None:
+            parts.append(f"{rule.kind.words} {_value(rule, last)} (limit {_value(rule, rule.limit)})")
         elif test.ledger.why_not_evaluated(rule):
             parts.append(f"{rule.kind.words} not evaluated")
     return Fact(cycles, "; ".join(parts), {COMPLETE: GOOD, ENDED: FAIR}.get(state, PLAIN))
-
-
-def _known(change: FloatArray) -> FloatArray:
-    """Without the sections that have no statistics, as the last one may."""
-    return change[np.isfinite(change)]
 
 
 def _counts(test: EnduranceTest) -> Blocks:
@@ -117,12 +112,10 @@ def _rules(test: EnduranceTest) -> Blocks:
     rows, notes = [], list[str]()
     for rule in test.ledger.rules:
         followed = test.ledger.followed(rule)
-        change, expected = followed.change, followed.forecast
-        known = _known(change)
         if why := test.ledger.why_not_evaluated(rule):
             notes.append(f"{capitalised(rule.kind.words)} was not evaluated: {why}.")
-        last = float(known[-1]) if known.size else np.nan
-        cycles, interval = _forecast(expected)
+        last = np.nan if followed.last is None else followed.last
+        cycles, interval = _forecast(followed.forecast)
         cells = (capitalised(rule.kind.words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
         rows.append(Row(cells, _severity(rule, last)))
     return [table(RULE_HEAD, rows), *(Note(FAIR, note) for note in notes)] if rows else []
