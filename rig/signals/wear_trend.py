@@ -62,7 +62,7 @@ class RuleKind(NamedTuple):
 
 
 RULES: Mapping[str, RuleKind] = {
-    "force_down": RuleKind(("force_max", "force_min"), False, True, "decrease of the peak force"),
+    "force_down": RuleKind(DIRECTIONS, False, True, "decrease of the peak force"),
     "energy_down": RuleKind(("energy",), False, True, "decrease of the energy per cycle"),
     "stiffness_down": RuleKind(("stiffness",), False, True, "decrease of the stiffness"),
     "friction_up": RuleKind(("friction",), True, True, "increase of the friction"),

@@ -147,8 +147,8 @@ def test_a_peak_force_that_is_noise_or_small_is_not_compared() -> None:
     assert np.all(np.isnan(changes(rule, noise, baseline_of(noise, 0))))
     assert why_not_evaluated(rule, noise, 0) == "the baseline cannot be clearly distinguished from zero"
     assert why_not_evaluated(rule, noise, 1000) == "", "there is no baseline yet"
-    worn = tested(400.0, 5.0, -490.0)
-    assert reached_by(rule, worn, baseline_of(worn, 0))
+    weaker = tested(400.0, 5.0, -490.0)
+    assert reached_by(rule, weaker, baseline_of(weaker, 0))
 
 
 def test_missing_statistics_do_not_disable_a_rule() -> None:
