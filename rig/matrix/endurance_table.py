@@ -51,6 +51,7 @@ SIZED_BY_FILE = frozenset({
     "waveform", "stroke_m", "frequency_Hz", "speed_m_s", "add", "ramp_in_cycles", "ramp_out_cycles",
 })
 """Entries that describe the motion, as a signal file does."""
+ONLY_WITH_FILE = frozenset({"highest_Hz", "ramp_s"})
 END = "end"
 """In the ids of the performance points after the last cycle."""
 
@@ -174,17 +175,19 @@ class Endurance(OneMotion):
 
     def _beside_file(self) -> Iterator[Problem]:
         """Entries that contradict a signal file."""
-        fields = type(self).model_fields
-        for name in sorted(self.model_fields_set & SIZED_BY_FILE):
-            key = fields[name].alias or name
+        for key in self._stated(SIZED_BY_FILE):
             yield (key,), "file is also specified, which already defines the motion. Fix: remove one of them"
+
+    def _stated(self, entries: frozenset[str]) -> Iterator[str]:
+        """Keys of those of these entries that the matrix file states, in order."""
+        fields = type(self).model_fields
+        return (fields[name].alias or name for name in sorted(self.model_fields_set & entries))
 
     def _cycle_problems(self) -> Iterator[Problem]:
         """Make the cycle of a record, or state why there is none."""
-        unused = {"highest_Hz": "highest_frequency", "ramp_s": "ramp"}
         if self.file is None:
-            for name in sorted(self.model_fields_set & unused.keys()):
-                yield (unused[name],), f"applies only with file. Fix: remove {unused[name]}"
+            for key in self._stated(ONLY_WITH_FILE):
+                yield (key,), f"applies only with file. Fix: remove {key}"
         if not self.is_record:
             return
         key = "add" if self.file is None else "file"
