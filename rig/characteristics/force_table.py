@@ -69,8 +69,8 @@ class ForceRow:
     @property
     def tests(self) -> str:
         """Number of tests whose mean a cell is: "mean of 3", "mean of 1 to 3", "1"."""
-        counts = sorted({len(cell.points) for cell in self.cells if cell is not None})
-        return tests_text(*counts[:1], *counts[-1:])
+        counts = [len(cell.points) for cell in self.cells if cell is not None]
+        return tests_text(min(counts), max(counts))
 
 
 def tests_text(fewest: int, most: int) -> str:

@@ -23,6 +23,7 @@ from rig.display import Display
 from rig.document.axes import draw_on
 from rig.errors import DataWarning, FileProblem, NoSuchEntry
 from rig.files.run_display import run_display
+from rig.recording.hdf5.reading import VERDICTS
 from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.views import Over, loops_figure, run_dataset
@@ -40,7 +41,7 @@ MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 BLOCK_NAME = re.compile(r"-b\d+(-attempt\d+)?$")
 """Names of the files of blocks of endurance tests; other points may have such names, too."""
-WORST_FIRST = ("invalid", "suspect", "valid")
+WORST_FIRST = VERDICTS[::-1]
 MOST_IDS = 12
 """Ids of points that a message lists."""
 MOST_VALUES = 12
