@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rig.campaign_folder import CampaignFolder
+from rig.document.figure import thinned
 from rig.errors import FileProblem
 from rig.fits.plain import plain
 from rig.recording.hdf5.reading import read_cycles
@@ -241,7 +242,7 @@ class EnduranceLedger:
     @staticmethod
     def _trend_json(group: Sections) -> dict[str, Any]:
         """Medians of the sections of cycles at one current, thinned evenly; None where one is not known."""
-        rows = np.unique(np.linspace(0, len(group) - 1, min(MOST_IN_TREND, len(group))).round().astype(np.int64))
+        rows = thinned(len(group), MOST_IN_TREND)
         known = np.isfinite(group.medians["current"])
         level = float(np.median(group.medians["current"][known])) if np.any(known) else None
         columns = {name: plain(group.medians[name][rows].tolist()) for name in QUANTITIES}
