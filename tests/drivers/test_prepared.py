@@ -63,5 +63,5 @@ def test_one_that_has_ended_is_replaced_by_an_ordinary_start(prepared: Prepared,
     process, line = waiting
     ends: dict[str, Callable[[], None]] = {"killed": process.kill, "closed": line.close}
     ends[end]()
-    assert process.wait(10.0) == {"killed": -9, "closed": 0}[end], "without a message it ends by itself"
+    assert process.wait(10.0) == {"killed": -9, "closed": 0}[end], "it ends if no message arrives"
     assert prepared.start(["a"], {}) is None
