@@ -34,6 +34,7 @@ from rig.signals.wear_trend import (
     forecast,
     reached_by,
     sections_of,
+    uncertainty_of,
     why_not_evaluated,
 )
 from rig.test_point import ENDURANCE, EnduranceStep
@@ -132,11 +133,13 @@ class FollowedRule(NamedTuple):
         sections: those that are compared, (n,).
         change: of each section toward the limit (n,).
         forecast: when the limit will be reached.
+        uncertainty: half width of the 95 % interval of the last change; not-a-number where it is unknown.
     """
 
     sections: Sections
     change: FloatArray
     forecast: Forecast
+    uncertainty: float
 
     @property
     def last(self) -> float | None:
@@ -211,9 +214,9 @@ class EnduranceLedger:
     @property
     def reached(self) -> str:
         """Name of the stop rule that the last known section has reached; empty where it has reached none."""
-        groups = [(sections, baseline_of(sections, self._run_in)) for sections in self.sections.groups if len(sections)]
+        groups = [sections for sections in self.sections.groups if len(sections)]
         for rule in self.rules:
-            if any(reached_by(rule, sections, baseline) for sections, baseline in groups):
+            if any(reached_by(rule, sections, self._run_in) for sections in groups):
                 return rule.name
         return ""
 
@@ -259,8 +262,9 @@ class EnduranceLedger:
         value, expected, why = followed.last, followed.forecast, self.why_not_evaluated(rule)
         return {
             "name": rule.name, "limit": rule.limit, "relative": rule.kind.relative, "value": value,
+            "uncertainty": plain(followed.uncertainty), "reached": expected.state == "reached",
             "forecast": {**expected._asdict(), "reason": expected.reason or None},
-            "text": rule_text(rule, value, expected, why), "not_evaluated": why or None,
+            "text": rule_text(rule, followed, why), "not_evaluated": why or None,
         }
 
     def why_not_evaluated(self, rule: StopRule) -> str:
@@ -271,7 +275,8 @@ class EnduranceLedger:
     def followed(self, rule: StopRule) -> FollowedRule:
         """How far each section is toward a rule's limit, and when it will be reached.
 
-        Cycles are compared with those of the same current: of several, the group that is nearest its limit counts.
+        Cycles are compared with those of the same current: of several, the group that has reached its limit or is
+        nearest to it counts.
 
         Args:
             rule: one of the test's.
@@ -279,11 +284,14 @@ class EnduranceLedger:
         followed = []
         for sections in self.sections.groups:
             change = changes(rule, sections, baseline_of(sections, self._run_in))
-            last = _last_known(change)
-            followed.append((-np.inf if last is None else last, sections, change))
-        _, sections, change = max(followed, key=lambda one: one[0])
+            last, reached = _last_known(change), len(sections) > 0 and reached_by(rule, sections, self._run_in)
+            followed.append(((reached, -np.inf if last is None else last), sections, change))
+        (reached, _), sections, change = max(followed, key=lambda one: one[0])
         after = sections.cycle > self._run_in
-        return FollowedRule(sections, change, forecast(sections.cycle[after], change[after], rule.limit))
+        expected = forecast(sections.cycle[after], change[after], rule.limit)
+        if expected.state == "reached" and not reached:
+            expected = Forecast("uncertain")
+        return FollowedRule(sections, change, expected, uncertainty_of(rule, sections, self._run_in))
 
 
 def withdrawn_points(folder: Path) -> frozenset[str]:
@@ -333,22 +341,22 @@ def _motion(point: RecordedPoint) -> tuple[object, ...]:
     return point.kind, point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, point.repeat
 
 
-def rule_text(rule: StopRule, value: float | None, expected: Forecast, why: str = "") -> str:
+def rule_text(rule: StopRule, followed: FollowedRule, why: str = "") -> str:
     """How far a stop rule is, and when it will be reached, or why that is not known.
 
     Args:
         rule: the rule.
-        value: the last change toward its limit, as the limit is stated; None: unknown.
-        expected: the forecast.
+        followed: the rule over the test.
         why: why the rule is not evaluated; empty where it is.
     """
     scale, unit = (100.0, "%") if rule.kind.relative else (1.0, "degC")
-    limit = f"limit {scale * rule.limit:.3g} {unit}"
+    limit, value, expected = f"limit {scale * rule.limit:.3g} {unit}", followed.last, followed.forecast
     if why:
         return f"{rule.kind.words} not evaluated ({limit}): {why}"
     if value is None:
         return f"{rule.kind.words} unknown ({limit}): {'no baseline yet' if rule.kind.relative else 'not measured'}"
-    text = f"{rule.kind.words} {scale * value or 0.0:.3g} {unit} ({limit}"
+    about = f" ± {scale * followed.uncertainty:.2g}" if np.isfinite(followed.uncertainty) else ""
+    text = f"{rule.kind.words} {scale * value or 0.0:.3g}{about} {unit} ({limit}"
     if expected.cycles is not None and expected.state == "trend":
         cycles, low, high = (float(f"{one or 0.0:.3g}") for one in (expected.cycles, expected.low, expected.high))
         text += f", forecast after {cycles:,.0f} cycles, 95 % interval {low:,.0f} to {high:,.0f}"

@@ -35,9 +35,11 @@ from rig.signals.wear_trend import RULES, Forecast, Sections, StopRule
 NOTE = (
     "The specimen was cycled in blocks; the points of the matrix were repeated between them. Statistics are kept of "
     "every cycle. Each point of the plots is the median of a section of a block. Changes are relative to the first "
-    "block after the running-in. Forecast: cycles at which a straight line through the last half of the sections "
-    "reaches the limit, with its 95 % interval. In a current program, cycles at the same current are compared; each "
-    "rule shows the current at which it is closest to its limit."
+    "block after the running-in; the value after ± is the half width of the 95 % interval of the last change, from the "
+    "scatter of the cycles. A relative limit is reached when it is exceeded by more than this scatter explains. "
+    "Forecast: cycles at which a straight line through the last half of the sections reaches the limit, with its 95 % "
+    "interval. In a current program, cycles at the same current are compared; each rule shows the current at which it "
+    "is closest to its limit."
 )
 MOST_DRAWN = 2000
 MOST_LISTED = 100
@@ -116,21 +118,23 @@ def _rules(test: EnduranceTest) -> Blocks:
             notes.append(f"{capitalised(rule.kind.words)} was not evaluated: {why}.")
         last = np.nan if followed.last is None else followed.last
         cycles, interval = _forecast(followed.forecast)
-        cells = (capitalised(rule.kind.words), _value(rule, rule.limit), _value(rule, last), cycles, interval)
-        rows.append(Row(cells, _severity(rule, last)))
+        shown = _value(rule, last, followed.uncertainty)
+        cells = (capitalised(rule.kind.words), _value(rule, rule.limit), shown, cycles, interval)
+        rows.append(Row(cells, _severity(rule, last, reached=followed.forecast.state == "reached")))
     return [table(RULE_HEAD, rows), *(Note(FAIR, note) for note in notes)] if rows else []
 
 
-def _severity(rule: StopRule, last: float) -> Severity:
-    if not np.isfinite(last):
-        return PLAIN
-    return POOR if last >= rule.limit else FAIR if last >= NEAR_LIMIT * rule.limit else PLAIN
+def _severity(rule: StopRule, last: float, *, reached: bool) -> Severity:
+    return POOR if reached else FAIR if last >= NEAR_LIMIT * rule.limit else PLAIN
 
 
-def _value(rule: StopRule, value: float) -> str:
+def _value(rule: StopRule, value: float, uncertainty: float = np.nan) -> str:
     if not np.isfinite(value):
         return NOTHING
-    return f"{number(100.0 * value, 3)} %" if rule.kind.relative else f"{number(value, 3)} degC"
+    if not rule.kind.relative:
+        return f"{number(value, 3)} degC"
+    about = f" ± {number(100.0 * uncertainty, 2)}" if np.isfinite(uncertainty) else ""
+    return f"{number(100.0 * value, 3)}{about} %"
 
 
 def _forecast(expected: Forecast) -> tuple[str, str]:
@@ -199,7 +203,7 @@ def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, Axis, 
 def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:
     """Each relative stop rule: change, limit, and the straight line of the forecast."""
     for rule in test.ledger.rules:
-        sections, change, expected = test.ledger.followed(rule)
+        sections, change, expected, _ = test.ledger.followed(rule)
         cycles = sections.cycle
         rows = thinned(len(sections), MOST_DRAWN)
         if not rule.kind.relative or not np.any(np.isfinite(change)):

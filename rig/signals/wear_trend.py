@@ -1,7 +1,9 @@
 """Wear of a specimen over its cycles: medians of sections of an endurance test, stop rules, forecasts.
 
 A section is some consecutive cycles, described by the medians of their statistics (`rig.signals.cycle_statistics`).
-Change is relative to the baseline, the median of the first sections after the running-in.
+Change is relative to the baseline, the median of the first sections after the running-in. A relative limit is reached
+when it is exceeded by more than the uncertainty of the baseline and of the last sections: a test of thousands of blocks
+is evaluated thousands of times, and one evaluation in error ends it.
 """
 
 from __future__ import annotations
@@ -32,7 +34,10 @@ STRONGEST_CORRELATION = 0.95
 VISIBLE, FEWEST_FOR_SCATTER, NORMAL_OF_MAD = 3.0, 4, 1.4826
 """A baseline is so many standard deviations of its sections at least, where it has so many; by the median deviation."""
 STANDARD_ERRORS = 5.0
-"""A baseline is more standard errors of a section's median than this, from the scatter of its cycles."""
+"""A baseline is more standard errors of a section's median than this, from the scatter of its cycles; a limit is
+exceeded by more standard errors of the mean of the last blocks than this, since it is evaluated after every block."""
+ERRORS_OF_BASELINE = 2.6
+"""Standard errors of the baseline by which a limit is exceeded at least: it is determined once (1 in 200)."""
 ERROR_OF_MEDIAN = 1.2533
 """Standard error of a median of normal values, relative to that of their mean."""
 LEAST_OF_LARGER = 0.05
@@ -186,14 +191,25 @@ def _error(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     if known.size < 2:
         return math.nan
-    if known.size < FEWEST_FOR_SCATTER:
-        scatter = float(np.std(known, ddof=1))
-    else:
-        scatter = NORMAL_OF_MAD * float(np.median(np.abs(known - np.median(known))))
+    scatter = float(np.std(known, ddof=1)) if known.size < FEWEST_FOR_SCATTER else _scatter(known)
     return ERROR_OF_MEDIAN * scatter / math.sqrt(known.size)
 
 
-def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
+class Baseline(NamedTuple):
+    """Baseline of one quantity.
+
+    Attributes:
+        level: median of the sections of a block; not-a-number where it is unknown or cannot be compared.
+        error: its standard error; not-a-number where it is unknown.
+        first: place of the block's first section among all sections.
+    """
+
+    level: float
+    error: float = math.nan
+    first: int = 0
+
+
+def baselines_of(sections: Sections, run_in: float) -> dict[str, Baseline]:
     """Baseline of each quantity: median of the first block after the running-in in which it is known.
 
     Not-a-number before there is one, and where the baseline cannot be distinguished from zero: a relative change of the
@@ -205,13 +221,18 @@ def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
         run_in: cycles of the running-in.
     """
     after = _first_of_block(sections) >= run_in
-    baseline = {
+    found = {
         name: _level(values, sections.errors_of(name), sections.block, after)
         for name, values in sections.medians.items()
     }
-    larger = max((abs(baseline[name]) for name in DIRECTIONS if math.isfinite(baseline[name])), default=0.0)
-    small = [name for name in DIRECTIONS if abs(baseline[name]) < LEAST_OF_LARGER * larger]
-    return baseline | dict.fromkeys(small, math.nan)
+    larger = max((abs(found[name].level) for name in DIRECTIONS if math.isfinite(found[name].level)), default=0.0)
+    small = [name for name in DIRECTIONS if abs(found[name].level) < LEAST_OF_LARGER * larger]
+    return found | dict.fromkeys(small, Baseline(math.nan))
+
+
+def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
+    """As `baselines_of`, without their errors."""
+    return {name: baseline.level for name, baseline in baselines_of(sections, run_in).items()}
 
 
 def why_not_evaluated(rule: StopRule, sections: Sections, run_in: float) -> str:
@@ -231,29 +252,129 @@ def why_not_evaluated(rule: StopRule, sections: Sections, run_in: float) -> str:
     return NOT_DISTINGUISHABLE if measured else ""
 
 
-def _level(values: FloatArray, errors: FloatArray, block: FloatArray, after: BoolArray) -> float:
+def _level(values: FloatArray, errors: FloatArray, block: FloatArray, after: BoolArray) -> Baseline:
     known = np.flatnonzero(after & np.isfinite(values))
     if not known.size:
-        return math.nan
+        return Baseline(math.nan)
     known = known[block[known] == block[known[0]]]
     of_block, error = values[known], _median(errors[known])
     level = float(np.median(of_block))
     if level == 0.0 or abs(level) <= STANDARD_ERRORS * error:  # an unknown error excludes nothing
-        return math.nan
-    scatter = NORMAL_OF_MAD * float(np.median(np.abs(of_block - level)))
-    return level if of_block.size < FEWEST_FOR_SCATTER or abs(level) > VISIBLE * scatter else math.nan
+        return Baseline(math.nan)
+    if of_block.size >= FEWEST_FOR_SCATTER:
+        if abs(level) <= VISIBLE * _scatter(of_block):
+            return Baseline(math.nan)
+        error = float(np.fmax(error, _step_scatter(of_block)))
+    share = ERROR_OF_MEDIAN if of_block.size > 2 else 1.0
+    return Baseline(level, share * error / math.sqrt(of_block.size), int(known[0]))
 
 
-def reached_by(rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> bool:
-    """Whether the last section of which a value is known, within the last block, has reached a rule's limit.
+def _scatter(values: FloatArray) -> float:
+    """Standard deviation of normal values (n,), by their median deviation."""
+    return NORMAL_OF_MAD * float(np.median(np.abs(values - np.median(values))))
 
-    The last section itself may have no statistics: its samples may be missing.
+
+def reached_by(rule: StopRule, sections: Sections, run_in: float) -> bool:
+    """Whether a rule's limit is reached at the last section of which a value is known, within the last block.
+
+    A relative limit is exceeded by this section, and with confidence: by the section itself, or by the mean of the last
+    1, 2, 4, 8, ... blocks. So a well-known quantity ends the test with its first section beyond the limit, and one
+    whose scatter is not small against the limit after as many blocks as it takes. The last section itself may have no
+    statistics: its samples may be missing.
+
+    Args:
+        rule: the rule.
+        sections: of the cycles that are compared.
+        run_in: cycles of the running-in.
     """
-    change = changes(rule, sections, baseline)
-    known = np.flatnonzero(np.isfinite(change))
-    if not known.size or sections.block[known[-1]] != sections.block[-1]:
+    baselines = baselines_of(sections, run_in)
+    return any(_quantity_reached(rule, sections, name, baselines[name]) for name in rule.kind.quantities)
+
+
+def uncertainty_of(rule: StopRule, sections: Sections, run_in: float) -> float:
+    """Half width of the 95 % interval of the last known change, from the scatter of sections and baseline.
+
+    Not-a-number where it is unknown, and of a limit that is no relative change.
+
+    Args:
+        rule: the rule.
+        sections: of the cycles that are compared.
+        run_in: cycles of the running-in.
+    """
+    baselines, found = baselines_of(sections, run_in), [(-np.inf, np.nan)]
+    for name in rule.kind.quantities if rule.kind.relative else ():
+        change = _quantity_change(rule, sections.medians[name], baselines[name].level)
+        known = np.flatnonzero(np.isfinite(change))
+        if known.size:
+            seen = _scatter_seen(sections, name, baselines[name], known)
+            wide = NORMAL * math.hypot(seen.baseline * (1.0 + abs(change[known[-1]])), max(seen.section, seen.between))
+            found.append((float(change[known[-1]]), wide or math.nan))
+    return max(found)[1]
+
+
+def _quantity_reached(rule: StopRule, sections: Sections, name: str, baseline: Baseline) -> bool:
+    beyond = _quantity_change(rule, sections.medians[name], baseline.level) - rule.limit
+    known = np.flatnonzero(np.isfinite(beyond))
+    if not known.size or sections.block[known[-1]] != sections.block[-1] or beyond[known[-1]] < 0.0:
         return False
-    return bool(change[known[-1]] >= rule.limit)
+    if not rule.kind.relative:
+        return True
+    seen = _scatter_seen(sections, name, baseline, known)
+    known = known[known >= baseline.first]
+    of_blocks = _block_means(beyond, sections.block, known)
+    margin = ERRORS_OF_BASELINE * seen.baseline * (1.0 + rule.limit if rule.kind.rising else 1.0 - rule.limit)
+    counts = 2 ** np.arange(int(math.log2(of_blocks.size)) + 1)
+    means = np.cumsum(of_blocks[::-1])[counts - 1] / counts
+    confident = means >= margin + STANDARD_ERRORS * seen.block / np.sqrt(counts)
+    alone = beyond[known[-1]] >= margin + STANDARD_ERRORS * max(seen.section, seen.between)
+    return bool(np.any(confident) or alone)
+
+
+class _Scatter(NamedTuple):
+    """Standard errors, relative to the baseline: of the baseline, a section, a block, and from block to block."""
+
+    baseline: float
+    section: float
+    block: float
+    between: float
+
+
+def _scatter_seen(sections: Sections, name: str, baseline: Baseline, known: IntArray) -> _Scatter:
+    """What is seen of the scatter of a quantity, by the sections (rows) in which it is known."""
+    known = known[known >= baseline.first]
+    level = abs(baseline.level)
+    values = sections.medians[name]
+    of_section = _section_error(sections, name, known) / level
+    of_blocks = _block_means(values, sections.block, known)
+    between = _step_scatter(of_blocks) / level
+    of_baseline = baseline.error / level if math.isfinite(baseline.error) else 0.0
+    of_block = of_section * math.sqrt(of_blocks.size / known.size)
+    return _Scatter(max(of_baseline, between), of_section, max(of_block, between), between)
+
+
+def _block_means(values: FloatArray, block: FloatArray, known: IntArray) -> FloatArray:
+    """Mean of the known sections (rows) of each block."""
+    starts = np.flatnonzero(np.diff(block[known], prepend=-1.0))
+    means: FloatArray = np.add.reduceat(values[known], starts) / np.diff(starts, append=known.size)
+    return means
+
+
+def _section_error(sections: Sections, name: str, known: IntArray) -> float:
+    """Standard error of a section's median; 0 where it is unknown.
+
+    The largest of what the cycles of all blocks, those of the last block, and the differences of the sections show.
+    """
+    errors = sections.errors_of(name)[known]
+    of_last = sections.block[known] == sections.block[known[-1]]
+    candidates = (_median(errors), _median(errors[of_last]), _step_scatter(sections.medians[name][known]))
+    return max((one for one in candidates if math.isfinite(one)), default=0.0)
+
+
+def _step_scatter(values: FloatArray) -> float:
+    """Standard deviation of values (n,) about a straight line, by their differences; 0 of too few."""
+    if values.size <= FEWEST_FOR_SCATTER:
+        return 0.0
+    return _scatter(np.diff(values)) / math.sqrt(2.0)
 
 
 def _first_of_block(sections: Sections) -> FloatArray:
@@ -265,30 +386,33 @@ def _first_of_block(sections: Sections) -> FloatArray:
 
 def changes(rule: StopRule, sections: Sections, baseline: Mapping[str, float]) -> FloatArray:
     """How far each section (n,) is toward a rule's limit, as the limit is stated: relative change or the SI value."""
-    kind, columns = rule.kind, []
-    for name in kind.quantities:
-        change = sections.medians[name]
-        if kind.relative:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                change = change / baseline[name] - 1.0
-        columns.append(change if kind.rising else -change)
-    stacked = np.vstack(columns)
+    stacked = np.vstack(
+        [_quantity_change(rule, sections.medians[name], baseline[name]) for name in rule.kind.quantities]
+    )
     known = np.isfinite(stacked)
     largest = np.max(np.where(known, stacked, -np.inf), axis=0, initial=-np.inf)
     return np.where(np.any(known, axis=0), largest, np.nan)
+
+
+def _quantity_change(rule: StopRule, values: FloatArray, level: float) -> FloatArray:
+    """How far values (n,) of one quantity are toward a rule's limit."""
+    if rule.kind.relative:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = values / level - 1.0
+    return values if rule.kind.rising else -values
 
 
 class Forecast(NamedTuple):
     """When a limit will be reached, in cycles of the test.
 
     Attributes:
-        state: `reached`; `trend` (a straight line through the last sections goes there); `none` (no significant trend
-            toward the limit); `unknown` (too few sections).
+        state: `reached`; `uncertain` (exceeded, but not by more than the uncertainty); `trend` (a straight line through
+            the last sections goes there); `none` (no significant trend toward the limit); `unknown` (too few sections).
         cycles: estimate; None without a trend.
         low, high: 95 % interval; of `none` only `low`, before which the limit is not expected. None: not known.
     """
 
-    state: Literal["reached", "trend", "none", "unknown"]
+    state: Literal["reached", "uncertain", "trend", "none", "unknown"]
     cycles: float | None = None
     low: float | None = None
     high: float | None = None
@@ -296,6 +420,8 @@ class Forecast(NamedTuple):
     @property
     def reason(self) -> str:
         """Why there is no forecast, in words; empty where there is one."""
+        if self.state == "uncertain":
+            return "the limit is exceeded, but by less than the uncertainty"
         if self.state == "unknown":
             return f"fewer than {FEWEST_SECTIONS} sections of cycles"
         return "no significant trend toward the limit" if self.state == "none" else ""

@@ -128,9 +128,10 @@ function draw_trends() {
     chart.draw(found);
   }
 }
-// The endurance test that runs, or ran last; of a current program, the cycles at its highest current are drawn.
-let endurance = [];
+// The endurance test that was chosen, runs, or ran last; of a current program, the cycles at its highest current are drawn.
+let endurance = [], chosen_test = null; // id; null: the one that runs, or ran last
 function shown_test() {
+  const chosen = endurance.find((test) => test.id === chosen_test); if (chosen) return chosen;
   const one = point(), running = one && endurance.find((test) => test.id === one.endurance_test);
   return running || endurance.filter((test) => test.cycles_run > 0).pop() || endurance[0];
 }
@@ -139,14 +140,27 @@ function draw_endurance() {
   by_id("endurance-box").hidden = !test;
   if (!test) { for (const { chart } of wear) chart.plot.box.closest("section").hidden = true; return; }
   const levels = test.trend || [], trend = levels[levels.length - 1] || {}, current = levels.length > 1 && typeof trend.current_A === "number" ? ` at ${trend.current_A.toFixed(2)} A` : "";
-  write("endurance-name", `– ${test.id}${test.ended_by ? ": ended by a stop rule" : test.state === "complete" ? ": complete" : ""}`);
-  by_id("endurance-rules").replaceChildren(...test.rules.map((rule) => element("li", rule.text, rule.value !== null && rule.value >= rule.limit ? "reached" : rule.value !== null && rule.value >= 0.7 * rule.limit ? "near" : "")));
+  write("endurance-name", `– ${test.id}${test_state(test)}`);
+  draw_tests(test);
+  by_id("endurance-rules").replaceChildren(...test.rules.map((rule) => element("li", rule.text, rule.reached ? "reached" : rule.value !== null && rule.value >= 0.7 * rule.limit ? "near" : "")));
   for (const { chart, columns } of wear) {
     const head = chart.plot.box.closest("section").querySelector("h2 span"), words = head.dataset.words || (head.dataset.words = head.textContent);
     head.textContent = words + current;
     chart.draw(trend.cycle || [], columns.map((name) => trend[name] || []));
   }
   endurance_cycles();
+}
+function test_state(test) { return test.ended_by ? ": ended by a stop rule" : test.state === "complete" ? ": complete" : ""; }
+function draw_tests(shown) { // of several tests, a button each; another press returns to the test that runs
+  const box = by_id("endurance-tests"), focused = box.contains(document.activeElement) ? document.activeElement.dataset.test : null;
+  box.hidden = endurance.length < 2;
+  box.replaceChildren(...endurance.map((test) => {
+    const button = element("button", `${test.id}: ${test.cycles_run.toLocaleString("en-US")} of ${test.cycles_planned.toLocaleString("en-US")}${test_state(test).replace(": ", ", ")}`);
+    button.type = "button"; button.dataset.test = test.id; button.setAttribute("aria-pressed", String(test === shown));
+    button.onclick = () => { chosen_test = chosen_test === test.id ? null : test.id; cycles_shown = 0; draw_endurance(); };
+    return button;
+  }));
+  if (focused !== null) { const same = [...box.children].find((one) => one.dataset.test === focused); if (same) same.focus(); }
 }
 function endurance_cycles() { // counted ones, and those of the running block
   const test = shown_test(); if (!test) return;
@@ -197,7 +211,7 @@ function take(message) {
   judge();
 }
 function described(message) {
-  if (run && run.name !== message.name) { trials = null; draw_trials(); endurance = []; draw_endurance(); } // another run may have neither
+  if (run && run.name !== message.name) { trials = null; draw_trials(); endurance = []; chosen_test = null; draw_endurance(); } // another run may have neither
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; deselect_all(); }
   if (JSON.stringify(run && run.display) !== JSON.stringify(message.display)) take_display(message.display);
   if (finished_run && message.name !== finished_run) { finished_run = ""; window.history.replaceState(null, "", with_token("/run")); } // the rig is in use

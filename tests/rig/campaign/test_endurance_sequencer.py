@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Literal
 
+import numpy as np
 import pytest
 
 from rig.campaign.endurance import summary_of
@@ -14,8 +17,8 @@ from rig.campaign.sequencer.state import Conditions, Drive, Phase, State, start_
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
-from rig.recording.endurance import rule_text
-from rig.signals.wear_trend import Forecast, StopRule
+from rig.recording.endurance import FollowedRule, rule_text
+from rig.signals.wear_trend import NO_SECTIONS, Forecast, StopRule
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
 
@@ -145,8 +148,12 @@ def test_what_is_left_of_a_block_begins_where_it_was_interrupted() -> None:
     assert (rest.cycles, rest.endurance) == (10, EnduranceStep("e", 290, 300, 3, 100, 10))
 
 
+def followed(last: float, state: Literal["none", "unknown"] = "unknown") -> FollowedRule:
+    return FollowedRule(NO_SECTIONS, np.array([last]), Forecast(state), math.nan)
+
+
 def test_the_temperature_of_a_stop_rule_is_stated_with_its_unit() -> None:
-    text = rule_text(StopRule("temperature", 90.0), 24.04, Forecast("none"))
+    text = rule_text(StopRule("temperature", 90.0), followed(24.04, "none"))
     rule = {"name": "temperature", "value": 24.04, "text": text}
     test = {"id": "wear", "cycles_run": 80, "cycles_planned": 480, "cycles_unrecorded_at_most": 0, "rules": [rule]}
     expected = "coil temperature 24 degC (limit 90 degC, no forecast: no significant trend toward the limit)"
@@ -155,8 +162,8 @@ def test_the_temperature_of_a_stop_rule_is_stated_with_its_unit() -> None:
 
 def test_a_change_of_nothing_has_no_sign_and_an_unknown_one_its_reason() -> None:
     rule = StopRule("force_down", 0.2)
-    assert rule_text(rule, -0.0, Forecast("unknown")) == (
+    assert rule_text(rule, followed(-0.0)) == (
         "decrease of the peak force 0 % (limit 20 %, no forecast: fewer than 8 sections of cycles)"
     )
-    assert rule_text(rule, None, Forecast("unknown")).endswith("unknown (limit 20 %): no baseline yet")
-    assert rule_text(rule, None, Forecast("unknown"), "noise").endswith("not evaluated (limit 20 %): noise")
+    assert rule_text(rule, followed(math.nan)).endswith("unknown (limit 20 %): no baseline yet")
+    assert rule_text(rule, followed(math.nan), "noise").endswith("not evaluated (limit 20 %): noise")

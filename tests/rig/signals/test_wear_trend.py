@@ -15,6 +15,7 @@ from rig.signals.wear_trend import (
     forecast,
     reached_by,
     sections_of,
+    uncertainty_of,
     why_not_evaluated,
 )
 
@@ -120,11 +121,10 @@ def joined(*levels: float, noise: float = 0.0) -> Sections:
 
 def test_a_baseline_that_is_noise_ends_no_test() -> None:
     sections = joined(0.0, 0.0, 0.0, noise=2.0)
-    baseline = baseline_of(sections, 0)
     for name in ("gas_force_down", "friction_up", "stiffness_down"):
-        assert not reached_by(StopRule(name, 0.05), sections, baseline)
+        assert not reached_by(StopRule(name, 0.05), sections, 0)
     sections = joined(20.0, 10.0, noise=2.0)
-    assert reached_by(StopRule("gas_force_down", 0.3), sections, baseline_of(sections, 0))
+    assert reached_by(StopRule("gas_force_down", 0.3), sections, 0)
 
 
 def test_a_peak_force_that_is_noise_or_small_is_not_compared() -> None:
@@ -141,14 +141,14 @@ def test_a_peak_force_that_is_noise_or_small_is_not_compared() -> None:
     for sections in (tested(2.7, 5.0, -490.0), tested(12.0, 0.1, -490.0)):
         baseline = baseline_of(sections, 0)
         assert np.isnan(baseline["force_max"])
-        assert not reached_by(rule, sections, baseline)
+        assert not reached_by(rule, sections, 0)
         assert why_not_evaluated(rule, sections, 0) == "", "the other direction is evaluated"
     noise = tested(2.7, 5.0, 0.0)
     assert np.all(np.isnan(changes(rule, noise, baseline_of(noise, 0))))
     assert why_not_evaluated(rule, noise, 0) == "the baseline cannot be clearly distinguished from zero"
     assert why_not_evaluated(rule, noise, 1000) == "", "there is no baseline yet"
     weaker = tested(400.0, 5.0, -490.0)
-    assert reached_by(rule, weaker, baseline_of(weaker, 0))
+    assert reached_by(rule, weaker, 0)
 
 
 def test_missing_statistics_do_not_disable_a_rule() -> None:
@@ -156,12 +156,37 @@ def test_missing_statistics_do_not_disable_a_rule() -> None:
     weaker = joined(100.0, 50.0)
     for values in weaker.medians.values():
         values[-1] = np.nan
-    assert reached_by(rule, weaker, baseline_of(weaker, 0)), "the last section has no samples"
+    assert reached_by(rule, weaker, 0), "the last section has no samples"
     late = joined(np.nan, 100.0, 50.0)
     assert baseline_of(late, 0)["force_max"] == 100.0
-    assert reached_by(rule, late, baseline_of(late, 0)), "the first block has no statistics"
+    assert reached_by(rule, late, 0), "the first block has no statistics"
     blind = joined(100.0, 50.0, np.nan)
-    assert not reached_by(rule, blind, baseline_of(blind, 0)), "an earlier block was evaluated when it ended"
+    assert not reached_by(rule, blind, 0), "an earlier block was evaluated when it ended"
+
+
+def test_a_limit_is_reached_only_beyond_the_uncertainty() -> None:
+    """A baseline of 8 standard errors: its scatter alone exceeds 20 % in some blocks of 40; real wear ends the test."""
+    rule, scatter = StopRule("stiffness_down", 0.2), 100.0 / 8.0 * np.sqrt(10.0) / 1.2533
+
+    def first_stop(*levels: float) -> int | None:
+        sections = joined(*levels, noise=scatter)
+        ends = np.flatnonzero(np.diff(sections.block, append=0.0)) + 1
+        for number, end in enumerate(ends, 1):
+            medians, errors = (
+                {n: values[:end] for n, values in one.items()} for one in (sections.medians, sections.errors)
+            )
+            so_far = Sections(sections.cycle[:end], sections.block[:end], medians, sections.group[:end], errors)
+            if reached_by(rule, so_far, 0):
+                return number
+        return None
+
+    healthy = joined(*[100.0] * 40, noise=scatter)
+    assert np.max(changes(rule, healthy, baseline_of(healthy, 0))[9::10]) > 0.2, "the last section alone would end it"
+    assert 0.15 < uncertainty_of(rule, healthy, 0) < 0.5
+    assert first_stop(*[100.0] * 40) is None
+    assert first_stop(100.0, 100.0, *[40.0] * 8) in range(3, 7)
+    exact = joined(100.0, 100.0, 79.9, noise=0.01)
+    assert reached_by(rule, exact, 0), "a well-known quantity ends the test with the first block beyond its limit"
 
 
 def test_a_forecast_is_never_in_the_past() -> None:
