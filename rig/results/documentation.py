@@ -16,31 +16,31 @@ from rig.results.schema import RESULTS, VERSION, VIEWS, Utc, view_columns
 HEAD = f"""# Results database
 
 The results of all runs in a folder are stored in one SQLite file in that folder, `.rig-runs.sqlite`, and can be
-delivered to a PostgreSQL server that collects the results of several stations. The tables are equal in both
-databases. See [Keep results in a database](how-to/keep-results-in-a-database.md).
+delivered to a PostgreSQL server that collects the results of several stations. Both databases have the same
+tables. See [Keep results in a database](how-to/keep-results-in-a-database.md).
 
 Schema version {VERSION}. This page is generated from the tables (`python -m rig.results.documentation`) and checked
 by a test.
 
-- Only the run directories are authoritative: the database is made from them, again at any time. Do not write to its
-  tables; the changes are lost.
+- Only the run directories are authoritative: the database is created from the run directories and can be rebuilt at
+  any time. Do not write to its tables, because such changes are lost.
 - Numbers are in SI units (temperatures in degC). The unit is part of the column's name, or in the column `unit` of
   the same row.
 - Times are in UTC. PostgreSQL: `timestamp with time zone`. SQLite: text such as `2026-11-27T20:02:19.000+00:00`,
   which sorts by time.
 - Unknown values are NULL; unknown texts are empty.
 - Uncertainties are standard uncertainties (k = 1), unless the name states otherwise.
-- In SQLite, truth values are 0 and 1.
-- A campaign has a UUID that is derived from the name in `campaign.json`: copied and renamed directories are the
-  same campaign, which is counted once.
+- In SQLite, Boolean values are 0 and 1.
+- A campaign has a UUID that is derived from the name in `campaign.json`: copies of a directory and renamed
+  directories belong to the same campaign, which is counted once.
 - Results of a run are updated if its points, its fit, the acceptance result or the text entered on the operator's
   page change.
 - A campaign whose directory is deleted is removed from the SQLite file, but not from a server.
 
 ## Views
 
-Use the views in Grafana, Excel and other programs: they are the tables, joined. Their columns have the meaning
-stated below for the tables.
+Use the views in Grafana, Excel and other programs. Each view joins several tables; the columns of a view have the
+meaning stated below for the tables.
 
 """
 LOCAL_ONLY = """## Further tables in the SQLite file
@@ -81,7 +81,7 @@ def _tables() -> Iterator[str]:
 def _columns(table: Table) -> Iterator[str]:
     yield "| column | type | meaning |\n|---|---|---|\n"
     for column in table.columns:
-        kinds = ((Utc, "time"), (Boolean, "truth value"), (Integer, "integer"), (Double, "number"))
+        kinds = ((Utc, "time"), (Boolean, "Boolean"), (Integer, "integer"), (Double, "number"))
         kind = next((name for known, name in kinds if isinstance(column.type, known)), "text")
         kind += ", key" if column.primary_key else ""
         yield f"| `{column.name}` | {kind} | {column.comment or ''} |\n"

@@ -110,7 +110,7 @@ campaigns = Table(
     Column("specimen", Text, ForeignKey("specimens.specimen"), comment="serial number; NULL if not stated"),
     _text("operator", "person who performed the test; empty if not stated"),
     _text("matrix", "name of the matrix file"),
-    _text("matrix_sha256", "hash of the matrix: equal for equal tests"),
+    _text("matrix_sha256", "hash of the matrix; identical for identical tests"),
     _text("bench", "name of the bench"),
     Column("started", Utc, nullable=True, comment="start of the campaign; for imported tests, time of the import"),
     _text("software", "software that recorded the campaign"),
@@ -135,8 +135,8 @@ campaigns = Table(
 MOTION = (
     ("motion", "motion in one phrase, such as `sine 30 mm 2 Hz`", Text),
     ("waveform", "waveform; `hold` if the rod is at rest", Text),
-    ("amplitude_m", "requested amplitude (m); of an imported test, the measured one", Double),
-    ("frequency_hz", "requested frequency (Hz); of an imported test, the measured one", Double),
+    ("amplitude_m", "requested amplitude (m); for an imported test, the measured one", Double),
+    ("frequency_hz", "requested frequency (Hz); for an imported test, the measured one", Double),
     ("current_a", "current level of the test (A)", Double),
 )
 
@@ -177,8 +177,8 @@ characteristics = Table(
     _number("value", "value in `unit`"),
     _text("unit", "SI unit"),
     _number("standard_uncertainty", "combined standard uncertainty, as far as it is known; in `unit`"),
-    _number("repeatability_uncertainty", "part of it from the variation between cycles; in `unit`"),
-    _number("calibration_uncertainty", "part of it from the calibration certificates; in `unit`; NULL if not stated"),
+    _number("repeatability_uncertainty", "contribution of the variation between cycles; in `unit`"),
+    _number("calibration_uncertainty", "contribution of the calibration certificates; in `unit`; NULL if not stated"),
     # SQLite stores the primary key in each index of this table. PostgreSQL reads a chart from the index only with it.
     Index("characteristics_by_quantity", "quantity", "motion", "current_a", "value", postgresql_include=["campaign"]),
     sqlite_with_rowid=False,
