@@ -32,9 +32,9 @@ STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
 """Longer than `simulators.pace.LONGEST_WAIT_S`, for which the rig's clock may stand still."""
+WAITING_STALE_S = 0.400
+"""Where the host's time stands still with the rig's clock: twice as long as an answer is waited for."""
 RELAXED_SETPOINT_S = 0.100
-RELAXED_COMMAND_TIMEOUT_S = 0.600
-"""The ECU's patience with its host where the host's limits are widened too."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,15 @@ def bench_text(
         options: the rig's constants.
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
-        relaxed: time limits are widened against those of hardware.
+        relaxed: time limits are widened against those of hardware; less, where the clock of a rig at speed 1 waits.
         ecu: lines of the current source's table; none: of the demo ECU.
         actuator: entries of [actuator] that say what the controller is.
         clock: file of the rig's clock, where it waits for the host.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
+    waits = waits_for_host(speed, clock)
+    stale_s = least_stale_s(relaxed, waits)
     lines = [
         "format = 1",
         'name = "simulated rig"',
@@ -92,20 +94,20 @@ def bench_text(
         f"device_id = {controller.device_id}",
         *actuator,
         f'poll = "{poll_ms(controller, rtu, speed):g} ms"',
-        f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
+        f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed, waits):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
-        f'watchdog = "{1000 if relaxed else 500} ms"',
+        f'watchdog = "{1000 if relaxed and not waits else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
-        *(ecu or ecu_lines(addresses, relaxed)),
+        *(ecu or ecu_lines(addresses, stale_s)),
     ]
-    lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
-    lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
+    lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, stale_s)
+    lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, stale_s)
     for number, url in enumerate(addresses.auxiliary_urls, start=1):
         lines += ["[[auxiliary]]", f'name = "auxiliary_{number}"', f'unit = "{SI_UNITS[options.auxiliary.unit]}"']
-        lines += _sensor("auxiliary", options.auxiliary, url, relaxed)[1:]
+        lines += _sensor("auxiliary", options.auxiliary, url, stale_s)[1:]
     lines += [
         "[fixture]",
         f'moving_mass = "{options.moving_mass_kg:g} kg"',
@@ -122,13 +124,26 @@ def bench_text(
     return "\n".join(lines) + "\n"
 
 
+def waits_for_host(speed: float, clock: Path | None) -> bool:
+    """Whether all time limits apply to a clock that waits for the host (file `clock`), at speed 1 at most.
+
+    Above speed 1, a millisecond that it does not wait is many of the rig's.
+    """
+    return clock is not None and speed <= 1.0
+
+
+def least_stale_s(relaxed: bool, waits: bool) -> float:
+    """Shortest time without data (s) after which host and ECU give each other, and sensors, up; 0: the hardware's."""
+    return (WAITING_STALE_S if waits else RELAXED_STALE_S) if relaxed else 0.0
+
+
 def ecu_lines(
-    addresses: Addresses, relaxed: bool, serial_number: int | None = None, emulated: EmulatedEcuFiles = DEMO_ECU
+    addresses: Addresses, stale_s: float, serial_number: int | None = None, emulated: EmulatedEcuFiles = DEMO_ECU
 ) -> list[str]:
-    """Lines of the table of an ECU on CAN; how patient both sides are is the ECU's own."""
+    """Lines of the table of an ECU on CAN; how patient both sides are is the ECU's own, `stale_s` (s) at least."""
     described, entries = emulated.load().described, emulated.entries(serial_number)
     status_s, timeout_s = described.timing.status_s, described.command_timeout_s
-    stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
+    stale_s = max(stale_s, STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
     command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)
     return [
         "[ecu]",
@@ -178,10 +193,10 @@ def poll_ms(controller: ControllerOptions, rtu: bool, speed: float) -> float:
     return 10 if speed <= 1.0 else 4
 
 
-def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
-    """How long the host waits for one answer of the controller (wall s)."""
+def actuator_timeout_s(rtu: bool, relaxed: bool, waits: bool) -> float:
+    """How long the host waits for one answer of the controller (wall s): twice fits into the watchdog's time."""
     if relaxed:
-        return 0.4
+        return 0.2 if waits else 0.4
     return 0.06 if rtu else 0.04
 
 
@@ -198,11 +213,9 @@ def _link_lines(options: SensorOptions, url: str) -> list[str]:
     return [f'url = "{url}"', f"baudrate = {options.baudrate}"]
 
 
-def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
-    """Lines of one sensor's table."""
-    stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
-    if relaxed:
-        stale_s = max(stale_s, RELAXED_STALE_S)
+def _sensor(table: str, options: SensorOptions, url: str, stale_s: float) -> list[str]:
+    """Lines of one sensor's table; it is stale after `stale_s` (s) at least."""
+    stale_s = max(stale_s, STALE_SAMPLES / options.rate_Hz, STALE_S)
     return [
         f"[{table}]",
         *_link_lines(options, url),

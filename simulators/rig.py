@@ -21,7 +21,7 @@ from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators import bench
 from simulators.actuator import Actuator
-from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
+from simulators.bench import Addresses, actuator_timeout_s, bench_text, least_stale_s, poll_ms, waits_for_host
 from simulators.can_sensor_port import CanSensorPort
 from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
@@ -202,18 +202,20 @@ class SimulatedRig:
         """
         speed = self.run_options.speed
         relaxed = not real_time or speed > 1.0
-        self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
+        waits = waits_for_host(speed, self._shared_path)
+        self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed, waits)
+        stale_s = least_stale_s(relaxed, waits)
         if relaxed:
-            self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        source, controller = self._source_lines(addresses, relaxed), actuator_lines(self.options.controller)
+            self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, stale_s)
+        source, controller = self._source_lines(addresses, stale_s), actuator_lines(self.options.controller)
         return bench_text(self.options, addresses, speed, relaxed, source, controller, self._shared_path)
 
-    def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
+    def _source_lines(self, addresses: Addresses, stale_s: float) -> list[str]:
         """The table of the coil's current source."""
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
             return bench.supply_lines(self.options, addresses.supply_url, run.speed, run.supply, run.by_hand)
-        return bench.ecu_lines(addresses, relaxed, number, run.emulated_ecu)
+        return bench.ecu_lines(addresses, stale_s, number, run.emulated_ecu)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""

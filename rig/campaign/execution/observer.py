@@ -130,6 +130,14 @@ class MotionMeasurement:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A standstill: its begin by the controller's clock (s), and all records since then."""
+
+    since_s: float
+    parts: tuple[NDArray[Any], ...]
+
+
 @dataclass
 class Observer:
     """Turns records into at most one awaited fact at a time.
@@ -146,6 +154,7 @@ class Observer:
             ended by itself.
         currents_A: arrival (ns) and value of the last measured currents.
         wait: what finds the awaited fact in new records; None while nothing is waited for.
+        rest: the standstill that the last records established; None after any others.
         load_train_change: what the newest records tell of a load train that gives way; None where they do not.
     """
 
@@ -157,6 +166,7 @@ class Observer:
     program_ns: int = 0
     currents_A: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=CURRENTS))
     wait: Wait | None = None
+    rest: Rest | None = None
     load_train_change: str | None = None
     ended_by: set[int] = field(default_factory=set)
     kept: list[NDArray[Any]] = field(default_factory=list)
@@ -171,6 +181,7 @@ class Observer:
         self.load_train_change = self._load_train.watch(block)
         if len(block) == 0:
             return None
+        self.rest = None
         newest = block.newest
         channels, arrived_ns = newest["channel"].tolist(), newest["host_ns"].tolist()
         self.last.update(zip(channels, newest["value"].tolist(), strict=True))
@@ -298,13 +309,19 @@ class Observer:
     def await_standstill(self) -> None:
         """Wait for `Standstill`: the controller's position within 0.2 mm for 0.3 s of its clock."""
         anchor_m, since_s = self.last.get(Channel.POSITION, math.nan), self.device_s
+        parts: list[NDArray[Any]] = []
 
         def wait(block: RecordBlock) -> ev.Event | None:
             nonlocal anchor_m, since_s
+            parts.append(block.records)
             for position_m in block.of(Channel.POSITION)["value"].tolist():
                 if not abs(position_m - anchor_m) <= STILL_M:
                     anchor_m, since_s = position_m, self.device_s
-            return ev.Standstill() if self.device_s >= since_s + STILL_WINDOW_S else None
+                    parts.clear()
+            if self.device_s < since_s + STILL_WINDOW_S:
+                return None
+            self.rest = Rest(since_s, tuple(parts))
+            return ev.Standstill()
 
         self.wait = wait
 

@@ -347,7 +347,8 @@ class Runner:
             self._take_proof(outcome)
             yield self._executor.answered(outcome, moves=self.state.phase in SLOW_MOVES)
             if self._ring is None and self._executor.recording.recorder is not None:
-                self._ring = RingReader(Path(self._campaign.config.ring_path))
+                # What came while the devices were connected shows the rig at rest, too.
+                self._ring = RingReader(Path(self._campaign.config.ring_path), earlier=True)
 
     def _look_for_faults(self) -> None:
         """What the application itself can see: a recorder or disk that refuses, data that stand still."""

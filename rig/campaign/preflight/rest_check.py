@@ -207,16 +207,23 @@ def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
 
 
 def watch_rest(observer: Observer, evaluate: Callable[[AtRest], ev.Event]) -> None:
-    """Wait for what `evaluate` says of the controller's next 0.5 s, or of more where the host was held up meanwhile."""
-    until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
-    parts: list[NDArray[Any]] = []
+    """Wait for what `evaluate` says of 0.5 s of the controller's clock, or of more where the host was held up.
+
+    The window begins with a standstill that has just been established, else with the last status. Before the first
+    records, it is the end of what the ring holds since the devices were connected: nothing can move there either.
+    """
+    rest = observer.rest
+    parts: list[NDArray[Any]] = [] if rest is None else list(rest.parts)
+    since_s = observer.device_s if rest is None else rest.since_s
+    until_s = since_s + REST_WINDOW_S if since_s else math.nan
 
     def wait(block: RecordBlock) -> ev.Event | None:
         nonlocal until_s
-        parts.append(block.records)
-        if math.isnan(until_s) and observer.device_s:
-            # The first status since the station was connected: the window begins with it.
-            until_s = observer.device_s + REST_WINDOW_S
+        records = block.records
+        if math.isnan(until_s) and Channel.STATE in block:
+            until_s, began_ns = _begin_of_window(block.of(Channel.STATE))
+            records = records[records["host_ns"] >= began_ns]
+        parts.append(records)
         if not observer.device_s >= until_s:
             return None
         window = np.concatenate(parts)
@@ -225,6 +232,13 @@ def watch_rest(observer: Observer, evaluate: Callable[[AtRest], ev.Event]) -> No
         return evaluate(samples_at_rest(window))
 
     observer.wait = wait
+
+
+def _begin_of_window(statuses: NDArray[Any]) -> tuple[float, int]:
+    """End (s, controller's clock) and begin (host, ns) of the shortest rest window that ends now or later."""
+    times_s = 1e-6 * statuses["device_us"]
+    first = max(0, int(np.count_nonzero(times_s <= times_s[-1] - REST_WINDOW_S)) - 1)
+    return float(times_s[first]) + REST_WINDOW_S, int(statuses["host_ns"][first])
 
 
 @dataclass

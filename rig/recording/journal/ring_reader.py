@@ -39,12 +39,13 @@ class RingReader:
     Args:
         path: the ring's file.
         recorder: True for the one reader that publishes its cursor, which the station watches.
+        earlier: read the records that are already there, too: the newest ones, at most half of the capacity.
 
     Raises:
         RingProblem: the file is not a ring; the message says what was found.
     """
 
-    def __init__(self, path: Path, *, recorder: bool = False) -> None:
+    def __init__(self, path: Path, *, recorder: bool = False, earlier: bool = False) -> None:
         self.path = path
         self.lost = 0
         self._recorder = recorder
@@ -58,7 +59,8 @@ class RingReader:
         # Aligned 8-byte items: one load or store each, never torn.
         self._header = memoryview(self._map)[:HEADER_SIZE].cast("Q")
         self._records: NDArray[Any] = np.frombuffer(self._map, RECORD_DTYPE, self.capacity, HEADER_SIZE)
-        self.cursor = self.write_index
+        # The writer overwrites the oldest half while the rest is read for the first time.
+        self.cursor = max(0, self.write_index - self.capacity // 2) if earlier else self.write_index
 
     def _check_header(self) -> int:
         header = self._map[:HEADER_SIZE]

@@ -179,6 +179,41 @@ def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clo
     assert show(observer, status(1_500_000_000, State.HOLD, 0.0090)) == ev.Standstill()
 
 
+def still(observer: Observer, force_N: float) -> None:
+    """A rod that moves until 1.2 s, with 500 N, and rests from then on; standstill is established at 1.51 s."""
+    show(observer, status(1_000_000_000, State.HOLD, 0.010))
+    observer.await_standstill()
+    channels = (Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
+    moving = [(Channel.FORCE, 1_100_000_000 + n, 500.0) for n in range(20)]
+    show(observer, np.concatenate([status(1_200_000_000, State.HOLD, 0.0), records(*moving)]))
+    resting = [(Channel.FORCE, 1_300_000_000 + n, force_N) for n in range(20)]
+    resting += [(channel, 1_300_000_000 + n, 0.0) for n in range(20) for channel in channels]
+    assert show(observer, records(*resting)) is None
+    assert show(observer, status(1_510_000_000, State.HOLD, 0.0)) == ev.Standstill()
+
+
+@pytest.mark.parametrize("force_N", [0.0, 900.0])
+def test_a_rest_window_begins_with_the_standstill_that_comes_before_it(force_N: float) -> None:
+    observer = Observer()
+    still(observer, force_N)
+    watch_rest(observer, zeros)
+    assert show(observer, status(1_690_000_000, State.HOLD, 0.0)) is None
+    event = show(observer, status(1_700_000_000, State.HOLD, 0.0))
+    assert isinstance(event, ev.ZerosJudged)
+    assert (event.cause is None) is (force_N == 0.0)
+
+
+def test_records_after_a_standstill_make_it_no_part_of_a_later_rest_window() -> None:
+    observer = Observer()
+    still(observer, 900.0)
+    show(observer, status(1_600_000_000, State.HOLD, 0.0))
+    watch_rest(observer, zeros)
+    channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
+    show(observer, records(*((channel, 1_700_000_000 + n, 0.0) for n in range(20) for channel in channels)))
+    assert show(observer, status(2_090_000_000, State.HOLD, 0.0)) is None
+    assert show(observer, status(2_110_000_000, State.HOLD, 0.0)) == ev.ZerosJudged(None)
+
+
 def test_zeros_are_evaluated_over_the_rest_window() -> None:
     observer = Observer()
     show(observer, status(1_000_000_000, State.OFF))
@@ -198,6 +233,24 @@ def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None
     assert show(observer, records(*block)) is None
     assert show(observer, status(7_450_000_000, State.OFF)) is None
     assert show(observer, status(7_510_000_000, State.OFF)) == ev.ZerosJudged(None)
+
+
+@pytest.mark.parametrize("force_N", [0.0, 900.0])
+def test_what_came_in_the_last_half_second_of_connecting_is_the_rest_window(force_N: float) -> None:
+    observer = Observer()
+    watch_rest(observer, zeros)
+    begin_ns = 7_000_000_000
+    parts = [records((Channel.FORCE, begin_ns - 1, 500.0))]
+    for step in range(71):  # a status each 10 ms, 0.7 s; the force of the first 0.2 s is not part of the window
+        now_ns = begin_ns + 10_000_000 * step
+        parts.append(status(now_ns, State.OFF))
+        parts.append(records(
+            (Channel.FORCE, now_ns, 500.0 if step < 20 else force_N), (Channel.DISPLACEMENT, now_ns, 0.0),
+            (Channel.CONTROLLER_FORCE, now_ns, 0.0),
+        ))  # fmt: skip
+    event = show(observer, np.concatenate(parts))
+    assert isinstance(event, ev.ZerosJudged), "nothing more is waited for"
+    assert (event.cause is None) is (force_N == 0.0)
 
 
 def test_a_host_that_was_held_up_waits_for_enough_samples_instead_of_blaming_a_sensor() -> None:

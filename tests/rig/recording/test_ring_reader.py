@@ -35,6 +35,19 @@ def test_a_lapped_reader_counts_what_it_lost_and_goes_on(tmp_path: Path) -> None
         assert reader.lost >= 24
 
 
+def test_a_reader_of_earlier_records_gets_the_newest_half_of_a_full_ring_and_loses_none(tmp_path: Path) -> None:
+    with RingWriter(tmp_path / "ring", 16) as writer:
+        writer.append([record(n) for n in range(5)])
+        with RingReader(tmp_path / "ring", earlier=True) as reader:
+            assert reader.read().tolist() == [record(n) for n in range(5)]
+        for start in range(5, 45, 10):
+            writer.append([record(n) for n in range(start, start + 10)])
+        with RingReader(tmp_path / "ring", earlier=True) as reader:
+            writer.append([record(n) for n in range(45, 50)])
+            assert reader.read().tolist() == [record(n) for n in range(37, 50)]
+            assert reader.lost == 0
+
+
 def test_only_the_recorder_moves_the_cursor_the_station_watches(tmp_path: Path) -> None:
     with (
         RingWriter(tmp_path / "ring", 16) as writer,
