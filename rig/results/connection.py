@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, MetaData, create_engine, event, insert, inspect, select, text
+from sqlalchemy import Connection, Engine, Index, MetaData, create_engine, event, insert, inspect, select, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError, ProgrammingError
 from sqlalchemy.pool import NullPool
@@ -119,7 +119,7 @@ def server(url: str, *, create: bool = True) -> Iterator[Database]:
                     _check_empty(connection, name)
                     version = _create(connection, RESULTS)
             if create and version == VERSION:
-                _renew_views(connection)
+                _renew(connection)
         _check(name, version)
         yield database
     finally:
@@ -201,7 +201,7 @@ def _prepare(engine: Engine, file: Path) -> None:
             _remove_earlier(connection)
             version = _create(connection, RESULTS, LOCAL)
         elif version == VERSION:
-            _renew_views(connection)
+            _renew(connection)
     _check(str(file), version)
 
 
@@ -240,6 +240,44 @@ def _create(connection: Connection, *tables: MetaData) -> int:
         connection.execute(text(f"CREATE VIEW {name} AS {query}"))
     connection.execute(insert(schema_version).values(version=VERSION, software=f"mr-damper-rig {__version__}"))
     return VERSION
+
+
+def _renew(connection: Connection) -> None:
+    """Bring the indices and views of an earlier release to those of this one; what another owner made remains as it is.
+
+    Neither changes a row, so the version of the tables stays, and earlier releases go on to use them.
+    """
+    _renew_indices(connection)
+    _renew_views(connection)
+
+
+def _renew_indices(connection: Connection) -> None:
+    if not _other_indices(connection):
+        return
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": CREATION_LOCK})
+    for index in _other_indices(connection):
+        # A writer that holds the table for too long is not disturbed: the next process that opens the database tries.
+        with suppress(ProgrammingError, OperationalError), connection.begin_nested():
+            index.drop(connection, checkfirst=True)
+            index.create(connection)
+
+
+def _other_indices(connection: Connection) -> list[Index]:
+    """Indices that the database does not have, or has with other columns."""
+    inspected, indices = inspect(connection), [index for table in RESULTS.tables.values() for index in table.indexes]
+    held = {
+        one["name"]: (one["column_names"], one.get("include_columns") or [])
+        for name in {index.table.name for index in indices if index.table is not None}
+        for one in inspected.get_indexes(name)
+    }
+    included = connection.dialect.name == "postgresql"
+    return [
+        index for index in indices if held.get(index.name) != (
+            [column.name for column in index.columns],
+            list(index.dialect_options["postgresql"]["include"] or ()) if included else [],
+        )
+    ]  # fmt: skip
 
 
 def _renew_views(connection: Connection) -> None:

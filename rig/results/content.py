@@ -28,7 +28,7 @@ from rig.matrix.acceptance_table import has_acceptance
 from rig.recording.endurance import withdrawn_points
 from rig.recording.hdf5.reading import channel_attributes, channel_names
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import Run, read_campaign, read_words
+from rig.recording.run import Run, planned_points, read_campaign, read_words
 from rig.recording.tested_on import TESTED, when_tested
 from rig.recording.tested_specimens import NO_BANDS, SpecimenVerdict
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
@@ -99,7 +99,7 @@ def content_of(folder: Path) -> Content:
         children |= {} if fit is None else {"fits": [_fit(fit)], "parameters": list(_parameters(fit))}
     judged = () if run is None else run.judged
     bench_verdict = _worst(judged)
-    planned = _planned(folder, campaign)
+    planned = len(set(planned_points(campaign)) - withdrawn_points(folder))
     children["verdicts"] = [_bench_verdict(bench_verdict, judged, planned), *_specimen_verdicts(folder, remarks)]
     undecided = NOT_TESTED if has_acceptance(folder) else NO_BANDS
     specimen_verdict = next((row["verdict"] for row in children["verdicts"] if row["subject"] == SPECIMEN), undecided)
@@ -214,13 +214,6 @@ def _operator(folder: Path, campaign: Mapping[str, Any]) -> str:
 def _worst(judged: Sequence[RecordedPoint]) -> str:
     verdicts = {point.verdict for point in judged}
     return next((name for name in reversed(VERDICTS) if name in verdicts), "")
-
-
-def _planned(folder: Path, campaign: Mapping[str, Any]) -> int:
-    """Number of planned points, without those that were withdrawn because a stop rule had ended their test."""
-    planned, withdrawn = campaign.get("points"), withdrawn_points(folder)
-    names = planned if isinstance(planned, list) else []
-    return sum(not (isinstance(name, str) and name in withdrawn) for name in names)
 
 
 def _bench_verdict(verdict: str, points: Sequence[RecordedPoint], planned: int) -> Row:

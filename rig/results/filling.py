@@ -22,7 +22,7 @@ from rig.results.content import Content, content_of
 from rig.results.run_index import NAME, SETTLED_NS, own_stamps, points_stamp
 from rig.results.schema import CHILDREN, campaigns, sources, specimens, stations
 
-CONTENT = 4
+CONTENT = 5
 """Of the rows that a run gives; runs that were read with another one are read again."""
 BATCH_S = 2.0
 """Results that were read for so long are written together."""

@@ -232,6 +232,21 @@ def test_a_newer_schema_on_the_server_is_refused_and_not_written(runs: Path, mad
         pass
 
 
+def test_an_index_of_an_earlier_release_on_the_server_is_made_anew(runs: Path, made: Make, server: str) -> None:
+    made("r1")
+    delivered(runs, server)
+    query = text("SELECT indexname, indexdef FROM pg_indexes WHERE schemaname = 'public' ORDER BY indexname")
+    with opened(server) as database, database.transaction() as connection:
+        before = connection.execute(query).all()
+        connection.execute(text("DROP INDEX characteristics_by_quantity"))
+        connection.execute(text(
+            "CREATE INDEX characteristics_by_quantity ON characteristics (quantity, motion, current_a, value)"
+        ))  # fmt: skip
+    assert delivered(runs, server).waiting == 0
+    with opened(server, create=False) as database, database.transaction(reading=True) as connection:
+        assert connection.execute(query).all() == before
+
+
 def test_tables_of_another_program_are_neither_used_nor_removed(
     runs: Path, made: Make, server: str, postgresql: PostgreSQL
 ) -> None:

@@ -12,7 +12,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import pandas
 import pytest
+from in_process import rig
 from result_tables import comparable
 from sqlalchemy import text
 
@@ -23,6 +25,7 @@ from rig.errors import FileProblem
 from rig.hybrid.assessment import Assessment
 from rig.recording.tested_specimens import SpecimenVerdict
 from rig.results import documentation, filling, special_tests
+from rig.results.content import content_of
 from rig.results.filling import Filled, filled_database
 from rig.results.reader import ResultFilter, ResultRow, date_range, open_results, result_rows
 from rig.results.run_index import NAME, RunFilter, listed
@@ -275,6 +278,61 @@ def test_views_of_an_earlier_release_get_the_columns_that_were_added(runs: Path,
     assert filled(runs).read == 0, "no run is read again for it"
     with closing(sqlite3.connect(runs / NAME)) as renewed:
         assert renewed.execute("SELECT DISTINCT run, simulated FROM results").fetchall() == [("r1", 1)]
+
+
+def test_a_spreadsheet_and_pandas_read_the_same_values(runs: Path, made: Make, tmp_path: Path) -> None:
+    """Both ways of `docs/how-to/keep-results-in-a-database.md`; pandas stands for the import of a spreadsheet."""
+    made("r1", points=2, percent=0.5, specimen="MR-α, 1")
+    assert rig("results", "--in", runs, "--csv", tmp_path / "results.csv").returncode == 0
+    sheet = pandas.read_csv(tmp_path / "results.csv", encoding="utf-8")
+    with closing(sqlite3.connect(f"file:{runs / NAME}?mode=ro", uri=True)) as connection:
+        view = pandas.read_sql("SELECT * FROM results", connection, parse_dates=["started", "recorded"])
+    order = ["quantity", "point"]
+    sheet, view = sheet.sort_values(order), view.sort_values(order)
+    assert len(sheet) == len(view) == 8
+    assert set(sheet.specimen) == set(view.specimen) == {"MR-α, 1"}
+    assert sheet.value.tolist() == pytest.approx(view.value.tolist(), rel=1e-5)
+    assert sheet["std"].tolist() == pytest.approx(view.standard_uncertainty.tolist(), rel=1e-3, nan_ok=True)
+    assert str(view.started.dt.tz) == "UTC"
+
+
+def test_an_index_of_an_earlier_release_is_made_anew(runs: Path, made: Make) -> None:
+    made("r1")
+    filled(runs)
+    name, query = "characteristics_by_quantity", "SELECT name, sql FROM sqlite_master WHERE type = 'index' ORDER BY 1"
+    with closing(sqlite3.connect(runs / NAME)) as earlier, earlier:
+        before = earlier.execute(query).fetchall()
+        earlier.execute(f"DROP INDEX {name}")
+        earlier.execute(f"CREATE INDEX {name} ON characteristics (quantity)")
+        earlier.execute("DROP INDEX campaigns_by_station")
+    assert filled(runs).read == 0, "no run is read again for it"
+    with closing(sqlite3.connect(runs / NAME)) as renewed:
+        assert renewed.execute(query).fetchall() == before
+
+
+def test_files_of_an_import_are_no_planned_points(runs: Path, made: Make) -> None:
+    made("r1", points=2)
+    description = runs / "r1" / "campaign.json"
+    files = [{"file": "a.csv", "id": "p001"}, {"file": "b.csv", "id": "p002"}, {"file": "c.csv", "error": "empty"}]
+    description.write_text(json.dumps(json.loads(description.read_text()) | {"points": files}))
+    kept = content(runs)
+    assert (kept["campaigns"][0]["planned_points"], kept["campaigns"][0]["recorded_points"]) == (0, 2)
+    assert kept["verdicts"][0]["reason"] == ""
+
+
+def test_a_folder_of_a_refused_campaign_that_an_earlier_release_read_is_removed(
+    runs: Path, made: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made("r1")
+    other = shutil.move(made("r2"), runs.parent / "r2")
+    refused = runs / "refused"
+    (refused / "points").mkdir(parents=True)
+    (refused / "journal.jsonl").write_text("")
+    with monkeypatch.context() as earlier:
+        earlier.setattr(filling, "CONTENT", filling.CONTENT - 1)
+        earlier.setattr(filling, "_read", lambda place: (content_of(other if place == refused else place), ""))
+        assert len(content(runs)["campaigns"]) == 2
+    assert [row["run"] for row in content(runs)["campaigns"]] == ["r1"]
 
 
 def test_a_database_of_a_newer_version_is_refused_and_not_written(runs: Path, made: Make) -> None:
