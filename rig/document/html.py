@@ -271,6 +271,11 @@ nav a,.key span {{ white-space:normal !important; }} }}
 @media screen and (max-width:700px) {{
 table {{ width:max-content; min-width:100%; font-size:13px; }} th,td {{ padding:4px 7px; }}
 td:not(.n) {{ max-width:190px; }} th.n {{ max-width:76px; }}
+}}
+@media screen and (min-width:701px) and (max-width:1320px) {{
+table {{ font-size:13px; }} th,td {{ padding:4px 6px; }} .chip {{ font-size:12px; padding:0 5px; }}
+}}
+@media screen and (max-width:1320px) {{
 .wide {{ background:linear-gradient(to left,var(--paper) 20px,transparent 40px) right/40px 100% no-repeat local,
 linear-gradient(to left,#0004,transparent) right/16px 100% no-repeat scroll,var(--paper); }}
 }}

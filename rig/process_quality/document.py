@@ -108,7 +108,7 @@ def _facts(study: Study) -> Facts:
         charted = [one for one in study.results if one.chart is not None]
         bad = sum(one.chart is not None and not one.chart.in_control for one in charted)
         return Facts((
-            Fact(f"{len(charted) - bad} of {len(charted)}", "values in control", POOR if bad else GOOD),
+            Fact(f"{len(charted) - bad} of {len(charted)}", "quantities in control", POOR if bad else GOOD),
             Fact(str(max(len(one.series.values) for one in study.results)), "campaigns"),
         ))
     if isinstance(study, GoldenStudy):
@@ -131,7 +131,10 @@ def _charts(study: ChartStudy, most: int | None) -> Blocks:
     blocks: Blocks = [*_listed(CHART_HEAD, rows, most), *_named(study.results)]
     capable = [one for one in study.results if one.capability is not None]
     if capable:
-        note = "Cp and Cpk: short-term variation, from moving ranges; Pp and Ppk: total variation. Intervals: 95 %."
+        note = (
+            "Cp and Cpk: short-term variation, from moving ranges; Pp and Ppk: total variation. Intervals: 95 %. "
+            "All values are included, those with signals too."
+        )
         listed = _listed(CAPABILITY_HEAD, map(_capability, capable), most)
         blocks += [*section("Capability of the process", note), *listed]
     measured = [one for one in study.results if one.measurement is not None]

@@ -353,7 +353,10 @@ def zoom_and_read_values(page: Page) -> None:
 
 
 NO_SERVER = "window.WebSocket = class { constructor() { this.readyState = 1; } send() {} close() {} static OPEN = 1; };"
-VERDICT_WORDS = ("OK", "NOT OK", "NOT TESTED", "TESTING", "EVALUATING", "STOPPED", "NO CONNECTION", "RIG STATE UNKNOWN")
+VERDICT_WORDS = (
+    "OK", "NOT OK", "NOT TESTED", "TESTING", "EVALUATING", "STOPPED", "NOT STARTED", "NO CONNECTION",
+    "RIG STATE UNKNOWN",
+)
 REASON = "peak rebound force of sine 25 mm, 1.67 Hz, 1 A: 1612 N instead of 1650 N to 1750 N (margin -41 N)"
 SHOW_VERDICT = """([word, reason]) => {
   runs = Array.from({ length: 12 }, (_, at) => ({ name: `r${at}`, specimen: `MR-1${at}`, started: '2026-03-04T05:06:07',
@@ -396,10 +399,46 @@ def scan_while_a_report_is_written(browser: Browser) -> None:
     again = "and was ignored. Mount the specimen, then scan it again."
     tested, written = (f"MR-102: ignored because {why}" for why in ("a specimen is", "the report of MR-101 is"))
     expected = (
-        tested, written, f"MR-102 was scanned during a test {again}",
-        written, f"MR-102 was scanned while the report of MR-101 was being written {again}",
+        tested, "MR-102 was scanned during a test and was ignored. The report of MR-101 is",
+        f"MR-102 was scanned during a test {again}", written,
+        f"MR-102 was scanned while the report of MR-101 was being written {again}",
     )  # fmt: skip
     assert [note.startswith(text) for note, text in zip(notes, expected, strict=True)] == [True] * 5, notes
+    page.close()
+
+
+def refuse_a_serial_number(browser: Browser) -> None:
+    """The verdict of the specimen before is not shown for one whose serial number was refused."""
+    page = browser.new_page()
+    page.add_init_script(NO_SERVER)
+    page.route("**", lambda route: route.fulfill(body=document(BENCH), headers=headers(BENCH)))
+    page.goto("http://bench.invalid/?production")
+    shown = page.evaluate("""() => {
+      const seen = [], parts = ['verdict', 'specimen', 'reason'].map((part) => by_id(`line-${part}`));
+      const large = () => seen.push(parts.map((part) => part.textContent));
+      window.connected = () => true; window.say = () => true; standing.mine = true; bench.phase = 'idle';
+      plan = { matrix: 'line.toml', feasible: true, line: {} };
+      runs = [{ name: 'r1', specimen: 'MR-101', started: '2026-03-04T05:06:07', ended: 'finished',
+        specimen_verdict: 'ok', specimen_reason: 'margin 5 N', valid: 2, total: 2 }];
+      line_show(); large();
+      line_scan('XX-1'); sending = false;
+      line_answered({ do: 'begin', refused: 'serial', text: 'not of this line' }); large();
+      line_scan('MR-101'); sending = false;
+      line_answered({ do: 'begin', refused: 'tested-before', text: 'tested' }); large();
+      seen.push([!by_id('line-retest').hidden, by_id('line-retest').textContent, '']);
+      standing.mine = false; line_scan('MR-102'); large(); standing.mine = true; line_show(); large();
+      line_scan('MR-102'); large(); sending = false; bench.phase = 'idle'; line_show(); large();
+      runs = [{ ...runs[0], ended: 'stopped', specimen_verdict: '', specimen_reason: '',
+        text: 'stopped by operator: 0 A. Continue with: rig run --resume /x/y.' }];
+      line_show(); large(); seen.push([by_id('line-note').textContent.includes('press Continue'), '', '']);
+      return seen; }""")
+    before = ["OK", "MR-101", "margin 5 N"]
+    assert shown[:4] == [before, ["NOT STARTED", "XX-1", "not of this line"], ["NOT STARTED", "MR-101", "tested"],
+                         [True, "Retest MR-101", ""]]  # fmt: skip
+    assert shown[4][:2] == ["NOT STARTED", "MR-102"]
+    assert shown[5] == before, "the reason is over"
+    assert (shown[6][:2], shown[7]) == (["TESTING", "MR-102"], before)
+    assert shown[8:] == [["STOPPED", "MR-101", "stopped by operator: 0 A."], [True, "", ""]]
     page.close()
 
 
@@ -412,6 +451,7 @@ def test_the_production_view_fits_its_screen_and_answers_scans_with_what_is_true
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
         fit_every_verdict(browser)
         scan_while_a_report_is_written(browser)
+        refuse_a_serial_number(browser)
         browser.close()
 
 

@@ -41,7 +41,7 @@ function opinion() {
     const left = typeof state.time_left_s === "number" ? `, ${duration(state.time_left_s)} left` : "";
     return ["good", "▶", state.kind === "paused" ? "PAUSED" : "RUNNING", `${bench.run || "preparing"}: ${state.phase || "starting"}${state.point ? `, ${state.point}` : ""}${left}`];
   }
-  if (bench.phase === "evaluating") return ["wait", "…", "EVALUATING", `The run has ended; identifying the damper and writing the report of ${bench.run}.`];
+  if (bench.phase === "evaluating") return ["wait", "…", "EVALUATING", `The run has ended; evaluating it and writing the report of ${bench.run}.`];
   if (bench.phase === "starting") {
     if (stop_asked) return ["bad", "■", stop_asked.taken ? "STOPPING" : "STOP SENT", stop_asked.taken ? "The start is being cancelled." : "not yet confirmed; be ready to stop the rig using its own controls"];
     return ["wait", "…", "STARTING", bench.started ? `${bench.started.title} (${bench.started.by})` : ""];
