@@ -324,7 +324,7 @@ def test_a_folder_of_a_refused_campaign_that_an_earlier_release_read_is_removed(
     runs: Path, made: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made("r1")
-    other = shutil.move(made("r2"), runs.parent / "r2")
+    other = Path(shutil.move(made("r2"), runs.parent / "r2"))
     refused = runs / "refused"
     (refused / "points").mkdir(parents=True)
     (refused / "journal.jsonl").write_text("")
