@@ -32,7 +32,7 @@ def pip() -> str:
 
 EXTRA_OF = {
     "pyarrow": "files", "asammdf": "files", "matio": "files", "nptdms": "files",
-    "python_calamine": "files", "reportlab": "pdf", "PIL": "pdf", "distributed": "cluster", "sklearn": "reference",
+    "python_calamine": "files", "reportlab": "pdf", "PIL": "pdf", "distributed": "cluster",
     "psycopg": "results",
 }
 """Package as it is imported to the smallest extra that installs it."""

@@ -34,6 +34,7 @@ from rig.identification.per_current import fit_per_current
 from rig.identification.per_current import refuse as refuse_per_current
 from rig.identification.points.consistency import contradictions, inconsistent_runs, without_reversed_signs
 from rig.identification.points.inputs import fit_inputs
+from rig.identification.reference import references
 from rig.identification.remarks import UNTRIED, say, some
 from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
@@ -233,8 +234,6 @@ def _fit_models(state: FitState) -> FitState:
     warnings = (*state.warnings, *contradictions(fitted), *reweighted, *refused, *doubts)
     fit = judged(best, fitted, held_out, (*ranking, *given_up), options, warnings)
     if len(state.models) > 1:
-        from rig.identification.reference import references  # its packages are an extra
-
         compared = references(fitted, held_out, groups_of(fitted))
         fit = replace(fit, evaluation=replace(fit.evaluation, references=compared))
     if fit.adequate is False:

@@ -1,7 +1,7 @@
 """References that are no models: how far the best one is from what tests repeat, and from what a regression learns.
 
 The mean cycle is the floor: each cycle of a test predicted by the mean of its others. The regression is gradient
-boosting (Friedman 2001; scikit-learn) on extension, speed, way since the last reversal and current; it knows no
+boosting (`rig.identification.boosting`) on extension, speed, way since the last reversal and current; it knows no
 physics, so it shows what motion and current tell where it has seen both, and how little of that goes on to motions it
 has not seen. In motion without cycles it also gets speed and current at some times before, never a force.
 """
@@ -10,26 +10,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.covered import Covered
-from rig.extras import how_to_install
 from rig.fits.entries import Reference
+from rig.identification.boosting import Boosted, boosted
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced, thinned
 from rig.signals.waveform import WAVEFORMS
-
-if TYPE_CHECKING:
-    from sklearn.ensemble import GradientBoostingRegressor
 
 MOST_ROWS = 5000  # that the regression learns from
 FEWEST_A_CYCLE = 20
 MOST_FOLDS = 5
 FARTHEST_M = 2e-3  # way since a reversal from which it says nothing more
-TREES, RATE, DEPTH, SHARE, SEED = 60, 0.2, 4, 0.5, 1
 LAGS_S = (0.002, 0.004, 0.008, 0.016, 0.032)  # before, at which motion without cycles is looked at too
 MOST_FREE_ROWS = 20_000  # of a test without cycles
 
@@ -71,11 +66,6 @@ def _apart(test: Measurement) -> float:
 def _regression(
     fitted: Sequence[Measurement], held_out: Sequence[Measurement], groups: Sequence[Sequence[Measurement]]
 ) -> Reference:
-    try:
-        from sklearn.ensemble import GradientBoostingRegressor  # noqa: F401 - whether it is there
-    except ImportError:
-        why = f"not computed: scikit-learn is not installed. Fix: {how_to_install('reference')}"
-        return Reference("regression", None, None, why)
     if len({test.waveform in WAVEFORMS for test in (*fitted, *held_out)}) > 1:
         return Reference("regression", None, None, "tests with and without cycles cannot be used for training together")
     most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))
@@ -110,25 +100,19 @@ def _spaced(test: Measurement, most: int) -> Measurement:
     return thinned(test, max(1, test.u_m.size // MOST_FREE_ROWS))
 
 
-def _learnt(tests: Sequence[Measurement]) -> GradientBoostingRegressor:
+def _learnt(tests: Sequence[Measurement]) -> Boosted:
     """The regression of the force, every test alike in % of its peak."""
-    from sklearn.ensemble import GradientBoostingRegressor
-
-    regressor = GradientBoostingRegressor(
-        n_estimators=TREES, learning_rate=RATE, max_depth=DEPTH, subsample=SHARE, random_state=SEED
-    )
     scored = [test.scored for test in tests]
     weights = [
         np.full(np.count_nonzero(some), 1.0 / (test.peak_force_N**2 * np.count_nonzero(some)))
         for test, some in zip(tests, scored, strict=True)
     ]
     joined = np.concatenate(weights)
-    regressor.fit(
+    return boosted(
         np.vstack([_inputs(test)[some] for test, some in zip(tests, scored, strict=True)]),
         np.concatenate([test.force_N[some] for test, some in zip(tests, scored, strict=True)]),
-        sample_weight=joined / joined.mean(),
+        joined / joined.mean(),
     )
-    return regressor
 
 
 def _inputs(test: Measurement) -> FloatArray:
@@ -159,7 +143,7 @@ def _way_m(u_m: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(np.abs(u_m - u_m[np.maximum.accumulate(last)]), FARTHEST_M))
 
 
-def _errors(learnt: GradientBoostingRegressor, tests: Sequence[Measurement], most: int) -> list[float]:
+def _errors(learnt: Boosted, tests: Sequence[Measurement], most: int) -> list[float]:
     """Error (% of peak) of each test, all predicted at once."""
     tests = [_spaced(test, most) for test in tests]
     ends = np.cumsum([test.u_m.size for test in tests])
