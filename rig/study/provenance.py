@@ -14,7 +14,7 @@ from typing import Any
 from rig import __version__
 
 SOFTWARE = f"mr-damper-rig {__version__}"
-LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")
+LIBRARIES = ("numpy", "scipy", "numba")
 CITE_SOFTWARE = (
     "mr-damper-rig: a hardware-in-the-loop test-rig controller for magneto-rheological dampers, by the mr-damper-rig "
     f"authors, version {__version__}, MIT licence (CITATION.cff)"
