@@ -537,7 +537,7 @@ class ModbusSensor:
         """Record an exception to the request of a block; the caller holds the state lock."""
         others = " and ".join(one.name for one in block.sensors if one is not self)
         self._together = "" if not others else (
-            f" (one request with {others}; the device may refuse the registers of either)"
+            f" (read in one request with {others}; the device may refuse the registers of one of them)"
         )
         self._codes[code] = self._codes.pop(code, 0) + 1
         self._answers = 0

@@ -274,7 +274,8 @@ def message_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Prob
         values: its entries as specified, including all fields.
     """
     if "value" not in made.fields:
-        return [(("fields",), "the field for the value is missing: write a table [fields.value] with at and type")]
+        text = "the field for the value is missing: write a table [fields.value] with the keys `at` and `type`"
+        return [(("fields",), text)]
     problems = list(_framing_problems(made, values))
     for name, item in made.fields.items():
         problems += ((("fields", name, *place), text) for place, text in field_problems(name, item, made))

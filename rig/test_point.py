@@ -42,7 +42,7 @@ class EnduranceStep(NamedTuple):
         total: cycles of the whole test.
         block: number of the block, from 1; 0 of a performance point.
         block_cycles: cycles of the whole block; a resumed block has fewer `cycles` left.
-        keep_every: full samples are kept of every so many cycles of the test; 0 of a performance point.
+        keep_every: interval, in cycles of the test, at which full samples are stored; 0 for a performance point.
         unseen_cycles: cycles that can run at most after the recording of a block was cut off.
         program_cycles: cycles after which the current program of a block repeats itself; 0 at a constant current.
     """

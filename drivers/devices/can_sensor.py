@@ -89,7 +89,7 @@ def _by_hand(table: Table, problems: list[Problem]) -> BinaryFormat | None:
     for key, what in (
         ("id", "it states the identifier of the message, such as id = 0x181"),
         ("length", "it states the number of data bytes of the message"),
-        ("fields", "write a table [fields.value] with at and type"),
+        ("fields", "write a table [fields.value] with the keys `at` and `type`"),
     ):
         if key not in table:
             problems.append(((), f"key '{key}' is missing; {what}"))

@@ -173,7 +173,7 @@ def _program(source: Kept, start: Recipe, words: Words) -> None:
         source.add(place, "the frequency of the program is missing: write $frequency or $period, or $mean_speed for a "
             "device that moves between two points at constant speed")
     if _asks_for(start, "$mean_speed") and not _only_triangles(words):
-        source.add(place, "$mean_speed determines the frequency only of a device that moves between two points at "
+        source.add(place, "$mean_speed defines the frequency only if the device moves between two points at "
             "constant speed. Fix: write $frequency, or [waveforms] with triangle alone")
     ramped = _asks_for(start, "$ramp_in_cycles") or _asks_for(start, "$ramp_out_cycles")
     ramps = ramped and _asks_for(start, "$cycles")

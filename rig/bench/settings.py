@@ -297,7 +297,7 @@ class EcuConfig(Settings):
     )
     slew_limit_A_s: Annotated[float, Quantity("current rate", "0.01 A/s", "1000000 A/s")] | None = field(
         default=None, metadata=key("slew_limit", description="highest rate at which the source changes the current; "
-            "the plan refuses steps that it cannot make in time")
+            "the plan rejects steps that the source cannot make in time")
     )
     identity: Name | None = field(
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must contain")

@@ -113,7 +113,7 @@ def keep_bench(source: Path, kept: Path) -> None:
         names = ", ".join(repr(name) for name, own in plan.names.items() if name != own)
         raise FileProblem(str(source), [
             f"the name of a file cannot be replaced in the copy of this file: {names}. Fix: write each of these names "
-            "in double quotes, as an entry of its own"
+            "in double quotes, as a separate entry"
         ])
     for own, name in plan.files.items():
         copy = kept.parent / own

@@ -159,7 +159,7 @@ def _lock(device: str, address: str) -> int:
 
 def _in_use(address: str, lock: Path, owner: int) -> str:
     """Who holds a device, and what the user can do."""
-    holder = f"process {owner}: {command_line(owner)}" if owner else "its process is not known yet"
+    holder = f"process {owner}: {command_line(owner)}" if owner else "process not yet known"
     return (
         f"{address} is in use by another campaign on this machine ({holder}; lock {lock}). Fix: wait until that "
         "campaign ends, or stop it with Ctrl-C in its terminal"

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--make-bands", "bands_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Write an acceptance bands file from golden runs: the mean value of the runs with --tolerance.",
+    help="Write an acceptance bands file from golden runs: mean of the runs, plus and minus --tolerance.",
 )
 @click.option(
     "--tolerance", "tolerances", multiple=True, metavar="[QUANTITY=]VALUE",
-    help="With --make-bands: half the width of each band, for example '5 %', or of one quantity: 'energy=2 J'. Can be "
-         "specified repeatedly.",
+    help="With --make-bands: half-width of all bands, such as '5 %', or of the bands of one quantity, such as "
+         "'energy=2 J'. Can be specified repeatedly.",
 )  # fmt: skip
 @click.option(
     "--of-fit", "fitted", is_flag=True,

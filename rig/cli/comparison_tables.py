@@ -68,7 +68,7 @@ def _first_remarks(compared: Comparison) -> Blocks:
     remarks = compared.remarks
     blocks: Blocks = [Note(FAIR, f"remark: {remark}") for remark in remarks[:MOST_RUNS]]
     if len(remarks) > MOST_RUNS:
-        blocks.append(Paragraph(f"{len(remarks) - MOST_RUNS} more remarks; use --json to list them"))
+        blocks.append(Paragraph(f"Further remarks: {len(remarks) - MOST_RUNS}; use --json to list them"))
     return blocks
 
 

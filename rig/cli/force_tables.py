@@ -62,7 +62,7 @@ def _blocks(one: ForceTable, shown: Display) -> Blocks:
     signs = "; compression positive" if shown.positive == "compression" else ""
     title = f"Force at {what}, {one.waveform}{size}{signs}"
     left = len(rows) - MOST_ROWS
-    more = [Paragraph(f"... {left} more rows in the report")] if left > 0 else []
+    more = [Paragraph(f"Further rows in the report: {left}")] if left > 0 else []
     return [table(head, rows[:MOST_ROWS], title=title), *more]
 
 

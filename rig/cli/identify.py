@@ -136,8 +136,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option(
     "--each", is_flag=True,
-    help="Fit each run separately, in parallel, and write a fit.json to each run. By default, one fit is made of all "
-         "runs.",
+    help="Fit each run separately, in parallel, and write a fit.json to each run. By default, all runs are fitted "
+         "together.",
 )  # fmt: skip
 @scheduler_option
 @json_option
@@ -215,8 +215,8 @@ def _distributed(options: FitOptions, scheduler: str | None) -> Iterator[FitOpti
     method = options.how
     if not (_of_many_jobs(options) or method.name in METHODS):
         raise click.UsageError(
-            f"--scheduler: a fit of one model with --method {method.name} is a single job. Fix: omit --scheduler, or "
-            "add --each, --model all, --bootstrap N, --unseen pairs, or a search method "
+            f"--scheduler: a fit of one model with --method {method.name} is a single job and cannot be distributed. "
+            "Fix: omit --scheduler, or add --each, --model all, --bootstrap N, --unseen pairs, or a search method "
             f"(--method {'|'.join(METHODS)})"
         )
     with workers_for(scheduler) as workers:

@@ -114,9 +114,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 @click.option(
     "--like", "like", type=RunPath(), metavar="RUN",
     help="Reuse the options of this imported run (columns, units, scales, layout), except --current, --specimen and "
-        "--date. "
-        "Options given here take precedence. Differences between the files are shown. A file is rejected if its units "
-        "or factors contradict the options.",
+        "--date. Options of this command take precedence. Differences between the files are shown. A file is rejected "
+        "if its units or factors contradict the options.",
 )
 @click.option(
     "--scale", "scales", multiple=True, callback=_pairs, metavar="QUANTITY=FACTOR",

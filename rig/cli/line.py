@@ -60,8 +60,8 @@ MARGIN = 2
                                                "--bench file).")
 @speed_option
 @seed_option
-@click.option("--reader", metavar="PORT", help="Serial port of a barcode reader. Readers in keyboard mode need no "
-                                               "option.")
+@click.option("--reader", metavar="PORT", help="Serial port of a barcode reader. Not required for a reader in "
+                                               "keyboard mode.")
 @results_option("after each test")
 @click.option("--no-identify", is_flag=True, help="Record and evaluate only; ignore [identify] in the matrix file.")
 @out_option
@@ -76,9 +76,8 @@ def command(
     with all preflight checks; at its end, the coil current is 0 A and the hydraulics are off. The matrix requires
     acceptance bands ([acceptance]); the result is shown as OK, NOT OK or NOT TESTED.
 
-    Anything that is entered during a test is refused. After a stop, type `continue` once the cause has been
-    eliminated. `retest SERIAL` tests a specimen again; `quit`, the end of the input or Ctrl-C between two tests ends
-    the line.
+    Any input during a test is refused. After a stop, type `continue` once the cause has been eliminated. `retest
+    SERIAL` tests a specimen again. `quit`, the end of the input or Ctrl-C between two tests ends the command.
     """
     check_usage(simulator_args, bench, speed, seed, None, simulate=simulate, real_time=False)
     # loads numpy and pyserial: not needed for the help
@@ -249,8 +248,8 @@ class _Line:
         with files:
             if load_matrix(self._options.matrix_path).digest != self._digest:
                 raise FileProblem(str(self._options.matrix_path), [
-                    "the matrix file or a file that it names was changed after the start of the line. Fix: end the "
-                    "line (quit), check the change, start the line again"
+                    "the matrix file or a file that it names was changed after the start of the line. Fix: type "
+                    "`quit`, check the change, then start the line again"
                 ])
         options = replace(self._options, serial_number=serial_number, files=files)
         line = LineParts(self._analyst, lambda display: WatchingDisplay(

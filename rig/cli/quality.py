@@ -41,7 +41,8 @@ MOST_SHOWN = 20
               help="Folder that contains the runs.")
 @click.option("--results", "url", type=ServerAddress(), metavar="URL",
               help="Address of a results database, such as postgresql://HOST/NAME, instead of a folder.")
-@click.option("--specimen", metavar="TEXT", help="Serial number; * and ? are wildcards. Golden damper: its number.")
+@click.option("--specimen", metavar="TEXT",
+              help="Serial number (for golden: of the golden damper); * and ? are wildcards.")
 @click.option("--date", metavar="DATE", help="Start date (UTC): 2026, 2026-11, 2026-11-23 or a range FIRST:LAST.")
 @click.option("--quantity", multiple=True, metavar="NAME",
               help="Quantity, such as rebound_force, or a fitted parameter (repeatable; * and ? are wildcards).  "
@@ -51,13 +52,13 @@ MOST_SHOWN = 20
 @click.option("--operator", metavar="TEXT", help="Name of the operator.")
 @click.option("--current", type=QuantityOption("current"), help="Current level, such as '0.5 A'.")
 @click.option("--baseline", type=click.IntRange(8), metavar="N",
-              help="Number of first campaigns that determine the control limits (phase I).  [default: 25, or all of "
-                   "fewer; golden: all but the last of fewer]")
+              help="Number of campaigns, from the first, that determine the control limits (phase I).  [default: "
+                   "25; all if there are fewer (golden: all but the last)]")
 @click.option("--by", type=click.Choice(["operator", "station"]), default="operator", show_default=True,
-              help="gauge: what varies between the measurements of a specimen.")
+              help="For gauge: determine the reproducibility between operators or between stations.")
 @click.option("--bands", type=click.Path(path_type=Path), help="Acceptance bands file: limits for capability.")
-@click.option("--low", type=float, metavar="VALUE", help="Lower limit of all selected values (SI unit).")
-@click.option("--high", type=float, metavar="VALUE", help="Upper limit of all selected values (SI unit).")
+@click.option("--low", type=float, metavar="VALUE", help="Lower limit for all selected values (SI unit).")
+@click.option("--high", type=float, metavar="VALUE", help="Upper limit for all selected values (SI unit).")
 @click.option("--reference", type=float, metavar="VALUE",
               help="Reference value of the only specimen, for the bias of the measurement (SI unit).")
 @click.option("--out", type=click.Path(path_type=Path), help="Write the page with all charts to this HTML file.")
@@ -68,16 +69,17 @@ def command(
     by: str, bands: Path | None, low: float | None, high: float | None, reference: float | None, out: Path | None,
     on_paper: bool, as_json: bool, **filters: str | None,
 ) -> int:  # fmt: skip
-    """Check whether the test process is right, from all runs in a folder or a results database.
+    """Check the test process by means of all runs in a folder or a results database.
 
     charts: control charts (individual values and moving ranges, Western Electric rules) of each value, and capability
-    if limits are stated. golden: a golden damper against its own history, and what has drifted: force, displacement,
-    current, temperature or the damper. gauge: repeatability and reproducibility by the analysis of variance.
+    if limits are stated. golden: comparison of a golden damper with its own history, which shows what has drifted:
+    force, displacement, current, temperature or the damper. gauge: repeatability and reproducibility by analysis of
+    variance.
 
     The terminal and the page use the units of [display] of the newest run. JSON output and values from a server are
     in SI units.
 
-    The exit code is 8 if a chart signals after phase I, or the golden damper signals on its last day.
+    The exit code is 8 if a chart has a signal after phase I, or if the golden damper has a signal on its last day.
     """
     _check_options(out, on_paper=on_paper, low=low, high=high, bands=bands)
     # load scipy and SQLAlchemy: not needed for the help

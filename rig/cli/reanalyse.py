@@ -38,8 +38,8 @@ MOST_SHOWN = 12
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
               help="Write the results to FOLDER/RUN instead of RUN/reanalysed, for example if RUN is read-only.")
 @click.option("--model", default="", metavar="NAME",
-              help="Damper model to fit, or `auto`.  [default: model and settings of the original fit; without one, "
-                   "as in the matrix file]")
+              help="Damper model to fit, or `auto`.  [default: model and settings of the original fit; if there "
+                   "is no fit, as in the matrix file]")
 @click.option("--no-fit", is_flag=True, help="Do not fit a model.")
 @click.option("--again", is_flag=True, help="Repeat the analysis even if a result of this version already exists.")
 @scheduler_option
@@ -48,12 +48,12 @@ def command(
     runs: tuple[Path, ...], out: Path | None, model: str, no_fit: bool, again: bool, scheduler: str | None,
     as_json: bool,
 ) -> int:  # fmt: skip
-    """Analyse RUNS again: align the received samples, and regenerate the verdicts, characteristics, fit and report.
+    """Analyse each RUN again: align the received samples, and regenerate verdicts, characteristics, fit and report.
 
     The originals are not changed. Each result is written to RUN/reanalysed/DATE-VERSION, which is a complete run:
     other commands accept it, for example as RUN/reanalysed/last. The command lists the differences from the original
-    results and their causes. The exit code is 2 if a run cannot be analysed, 6 if a fit cannot be made again, and 5 if
-    a point cannot be made again.
+    results and their causes. The exit code is 2 if a run cannot be analysed, 6 if a fit cannot be repeated, and 5 if a
+    point cannot be regenerated.
     """
     # loads numba and numpy: not needed for the help
     from rig.reanalysis import ReanalysisOptions, reanalyse_each
@@ -105,7 +105,7 @@ def _show(results: Sequence[Reanalysis]) -> None:
         elif result.error:
             blocks += [title, Note(POOR, result.error)]
         elif result.up_to_date:
-            blocks += [title, Paragraph("already analysed by this version from the same files; --again repeats it")]
+            blocks += [title, Paragraph("already analysed by this version from the same files (to repeat: --again)")]
         else:
             blocks += [title, *changes(result, MOST_SHOWN)]
     if len(results) > 1:

@@ -69,7 +69,7 @@ def command(
     folder: Path, url: str | None, deliver: bool, rebuild: bool, csv_file: Path | None, as_json: bool,
     **wanted: Any,  # noqa: ANN401 - click's, by their names
 ) -> int:
-    """Bring the results database of a folder up to date, and show its state, or the values that the filters select.
+    """Update the results database of a folder, and show its state or the values that the filters select.
 
     The database .rig-runs.sqlite in that folder is made from the run directories; runs that have changed are read
     again. Campaigns that cannot be delivered are kept and delivered at the next attempt.
@@ -196,7 +196,7 @@ def _rows(
         if as_json:
             write_json({"file": str(csv_file.resolve()), "rows": count})
         else:
-            say(f"{shown_path(csv_file)}: {count} values")
+            say(f"Values written to {shown_path(csv_file)}: {count}")
     return EXIT_DONE
 
 

@@ -254,7 +254,7 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         for loop in _chosen(key, band, run.planned):
             yield _Value(key, unit, loop.motion.label, NONE, loop.ids, why, loop)
     elif run.not_recorded:
-        why = f"{len(run.not_recorded)} planned point(s) were not recorded because the campaign ended early"
+        why = f"planned points not recorded because the campaign ended early: {len(run.not_recorded)}"
         yield _Value(key, unit, band.where or "any loop", NONE, why=why)
 
 

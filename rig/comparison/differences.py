@@ -142,7 +142,7 @@ class Comparison:
                     f"compared: {', '.join(signals[:3])}{', ...' if len(signals) > 3 else ''}"
                 )
             if run.not_recorded:
-                lines.append(f"{run.name}: {len(run.not_recorded)} planned point(s) were not recorded")
+                lines.append(f"{run.name}: planned points not recorded: {len(run.not_recorded)}")
             if run.left_out:
                 lines.append(f"{run.name}: {len(run.left_out)} item(s) not evaluated; first: {run.left_out[0]}")
         return (*lines, *self._without_parameters())

@@ -139,7 +139,7 @@ class _Bands:
         if tolerance.share and not all(reading.significant for reading in readings):
             example = f"{key}={number_text(max(abs(mean), 1.0), 2)} {unit}"
             self.remarks.append(
-                f"{key} at {where}: no band, because {mean:.3g} {unit} is too near zero for a relative tolerance. "
+                f"{key} at {where}: no band, because {mean:.3g} {unit} is too close to zero for a relative tolerance. "
                 f"Fix: specify a tolerance in {unit}, such as --tolerance '{example}'"
             )
             return
@@ -150,7 +150,7 @@ class _Bands:
             return
         outside = [name for name, value in zip(names, values, strict=True) if not low <= value <= high]
         if outside:
-            self.remarks.append(f"{key} at {where}: the value of {', '.join(outside)} is outside the band itself")
+            self.remarks.append(f"{key} at {where}: the band does not contain the value of {', '.join(outside)}")
         if half < max(reading.expanded for reading in readings):
             self.narrow.append(f"{key} at {where}")
         of_specimen: dict[str, list[float]] = {}
@@ -217,17 +217,17 @@ def make_bands(runs: Sequence[Run], tolerances: Mapping[str, Tolerance], *, fitt
         raise RigError(f"no acceptance bands can be made of these runs{why}. Fix: specify runs with valid loops")
     if made.narrow:
         made.remarks.append(
-            f"{len(made.narrow)} band(s) are narrower than the expanded uncertainty of the measured value, so guarded "
-            f"acceptance cannot pass them, for example {made.narrow[0]}"
+            "bands that are narrower than the expanded uncertainty of the measured value, so that no value can pass "
+            f"with guarded acceptance: {len(made.narrow)}, for example {made.narrow[0]}"
         )
     specimens = {run.specimen for run in read if run.specimen}
     if len(specimens) < FEWEST_SPECIMENS <= len(read):
         made.remarks.append(_few_specimens(sorted(specimens), len(read)))
     elif made.within:
         made.remarks.append(
-            f"{len(made.within)} band(s) are narrower than the tolerance interval of the {len(specimens)} golden "
-            f"specimens (mean +-{tolerance_factor(len(specimens)):.3g} standard deviations: {100.0 * COVERED:g} % of "
-            f"such dampers, with {100.0 * CONFIDENCE:g} % confidence), so good dampers can fail them, for example "
+            f"bands that are narrower than the tolerance interval of the {len(specimens)} golden specimens (mean +-"
+            f"{tolerance_factor(len(specimens)):.3g} standard deviations: {100.0 * COVERED:g} % of such dampers, with "
+            f"{100.0 * CONFIDENCE:g} % confidence), so that good dampers can fail: {len(made.within)}, for example "
             f"{made.within[0]}"
         )
     return MasterBands(_text(read, made, fitted=fitted), len(made.tables), tuple(made.remarks))
@@ -239,9 +239,9 @@ def _few_specimens(specimens: Sequence[str], runs: int) -> str:
     if not specimens:
         return f"the {runs} golden runs state no serial number, so the variation between dampers is unknown. {way_out}"
     if len(specimens) == 1:
-        return (f"the {runs} golden runs show the repeatability of one specimen only ({specimens[0]}), not the "
+        return (f"the {runs} golden runs show only the repeatability of one specimen ({specimens[0]}), not the "
             f"variation between dampers. {way_out}")
-    return (f"the {runs} golden runs are of {len(specimens)} specimens only ({', '.join(specimens)}), too few to "
+    return (f"the {runs} golden runs are of only {len(specimens)} specimens ({', '.join(specimens)}), too few to "
         f"estimate the variation between dampers. {way_out}")
 
 
@@ -322,7 +322,7 @@ def _text(read: Sequence[RunReadings], made: _Bands, *, fitted: bool) -> str:
     text = "\n".join(lines) + "\n\n" + "\n\n".join(made.tables) + "\n"
     if len(text.encode()) > SIZE_LIMIT_BYTES:
         raise RigError(
-            f"{len(made.tables)} bands are too many for a bands file (at most {SIZE_LIMIT_BYTES // 1024} KiB). Fix: "
+            f"{len(made.tables)} bands do not fit into a bands file (at most {SIZE_LIMIT_BYTES // 1024} KiB). Fix: "
             "specify a tolerance for fewer quantities, such as --tolerance 'rebound_force=5 %'"
         )
     _, problems = validated(parse_toml(Path("bands"), text).data, Bands)

@@ -84,7 +84,7 @@ ABOUT: Mapping[str, str] = {
     "enable": "switches the output stage on and off",
     "clear_faults": "command that clears the ECU's latched faults",
     "measured_current": "the current measured by the ECU",
-    "state": "state of the output stage: for off, enabled, ..., write raw numbers or value names of the DBC file",
+    "state": "state of the output stage: raw numbers or value names of the DBC file for off, enabled, ...",
     "faults": "signal with the fault word; each fault is a bit or a named value of this word, or a separate signal",
     "coil_temperature": "temperature of the coil",
     "ecu_temperature": "temperature of the ECU",

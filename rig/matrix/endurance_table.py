@@ -108,8 +108,9 @@ class Endurance(OneMotion):
             "period of all sines", examples=[[{"amplitude": "2 mm", "frequency": "12 Hz"}]],
     )
     file: Name | None = Field(
-        default=None, description="CSV file with columns such as time_s and displacement_mm, as in [matrix.file], that "
-            "is repeated; replaces waveform and frequency. A cycle is one repetition", examples=["road.csv"],
+        default=None, description="CSV file of a motion that is repeated, with columns such as time_s and "
+            "displacement_mm, as in [matrix.file]; replaces waveform and frequency. A cycle is one repetition of the "
+            "file", examples=["road.csv"],
     )
     highest_Hz: Frequency | None = Field(
         default=None, alias="highest_frequency", description="with file: cut-off frequency of a zero-phase low-pass "
@@ -137,7 +138,8 @@ class Endurance(OneMotion):
         default=None, description="cycles between repetitions of the matrix's points; default: only before and after"
     )
     full_samples_every: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
-        default=100, description="full samples are kept of every so many cycles; statistics are kept of each cycle"
+        default=100, description="interval, in cycles, at which full samples are stored; statistics are stored for "
+            "every cycle"
     )
     run_in: Annotated[int, Field(ge=0, le=100_000_000)] = Field(
         default=0, description="cycles of the running-in; the baseline is the first block after them"
@@ -145,7 +147,7 @@ class Endurance(OneMotion):
     ramp_in_cycles: RampCycles = 1.0
     ramp_out_cycles: RampCycles = 1.0
     rest_s: Annotated[float, Quantity("time", "0 s", "24 h")] = Field(
-        default=0.0, alias="rest", description="rest after each block"
+        default=0.0, alias="rest", description="duration of rest after each block"
     )
     stop: EnduranceStop = Field(default_factory=EnduranceStop)
 
@@ -171,7 +173,7 @@ class Endurance(OneMotion):
         yield from self._count_problems()
         if self.stop.friction_up is not None and waveform_named(self.waveform).corner_share is not None:
             text = f"friction cannot be separated from viscous force in a {self.waveform}, whose speed is constant"
-            yield ("stop", "friction_up"), f'{text}. Fix: waveform = "sine", or remove friction_up'
+            yield ("stop", "friction_up"), f'{text}. Fix: set waveform = "sine", or remove friction_up'
 
     def _beside_file(self) -> Iterator[Problem]:
         """Entries that contradict a signal file."""
@@ -220,12 +222,14 @@ class Endurance(OneMotion):
             NoRecord: they are no sines, or have no common period.
         """
         if self.waveform != SINE.name:
-            raise NoRecord(f'sines can be added only to a sine, not to a {self.waveform}. Fix: waveform = "sine"')
+            raise NoRecord(f'sines can be added only to a sine, not to a {self.waveform}. Fix: set waveform = "sine"')
         base_m, base_Hz = self.motion
         for place, sine in enumerate(self.add):
             if sine.frequency_Hz in {base_Hz, *(other.frequency_Hz for other in self.add[:place])}:
                 which = "the base sine" if sine.frequency_Hz == base_Hz else "another added sine"
-                raise NoRecord(f"{sine.frequency_Hz:.4g} Hz is the frequency of {which}. Fix: another frequency")
+                raise NoRecord(
+                    f"{sine.frequency_Hz:.4g} Hz is already the frequency of {which}. Fix: use another frequency"
+                )
         periods = common_periods((base_Hz, *(sine.frequency_Hz for sine in self.add)))
         ramp_s = max(self.ramp_in_cycles, self.ramp_out_cycles) / base_Hz
         longest_s = LONGEST_S - 2.0 * ramp_s
@@ -233,7 +237,7 @@ class Endurance(OneMotion):
             fits = ", ".join(f"{simple_ratio(sine.frequency_Hz / base_Hz) * base_Hz:.9g} Hz" for sine in self.add)
             raise NoRecord(
                 f"the sum of the sines does not repeat within {longest_s:.4g} s; its cycles cannot be compared. "
-                f"Fix: simple ratios to {base_Hz:.6g} Hz, for example {fits}"
+                f"Fix: use simple ratios to {base_Hz:.6g} Hz, for example {fits}"
             )
         sines = ((base_m, base_Hz), *((sine.amplitude_m, sine.frequency_Hz) for sine in self.add))
         return SineSum(sines, periods, ramp_s)
@@ -247,15 +251,15 @@ class Endurance(OneMotion):
         if self._cycle is not None and self.block is not None and self.block > most_cycles(self._cycle):
             yield ("block",), (
                 f"{self.block} cycles of {self._cycle.period_s:.4g} s exceed {LONGEST_S:g} s, the longest motion with "
-                f"streamed set-points. Fix: block = {most_cycles(self._cycle)}"
+                f"streamed set-points. Fix: set block = {most_cycles(self._cycle)}"
             )
         if self.performance_every is not None and self.performance_every > self.cycles:
             yield ("performance_every",), (
-                f"{self.performance_every} cycles is more than the test has, {self.cycles}. Fix: reduce it, or remove "
-                "it to run the points only before and after the test"
+                f"{self.performance_every} cycles exceeds the length of the test, {self.cycles} cycles. Fix: reduce "
+                "it, or remove it to run the points only before and after the test"
             )
         if self.run_in >= self.cycles:
-            text = f"{self.run_in} cycles leaves no cycle for the baseline; the test has {self.cycles} cycles"
+            text = f"{self.run_in} cycles leaves no cycles for the baseline; the test has {self.cycles} cycles"
             yield ("run_in",), f"{text}. Fix: reduce run_in"
 
     def _program_problems(self, *, motion_known: bool) -> Iterator[Problem]:
@@ -283,11 +287,15 @@ class Endurance(OneMotion):
             yield ("current_program", 0), f"the program starts at {steps[0][0]:g} s; required: 0 s"
         for place, ((before_s, before_A), (at_s, at_A)) in enumerate(pairwise(steps), start=1):
             if at_s <= before_s:
-                yield ("current_program", place), f"{at_s:g} s is not later than the step before, {before_s:g} s"
+                yield ("current_program", place), f"{at_s:g} s is not later than the previous step, {before_s:g} s"
             if at_A == before_A:
-                yield ("current_program", place), f"{at_A:g} A is the current of the step before. Fix: remove the step"
+                yield ("current_program", place), (
+                    f"{at_A:g} A is already the current of the previous step. Fix: remove this step"
+                )
         if len({level_A for _, level_A in steps}) < 2:
-            yield ("current_program",), f'the program has only one current. Fix: current = "{steps[0][1]:g} A"'
+            yield ("current_program",), (
+                f'the program has only one current. Fix: replace it by current = "{steps[0][1]:g} A"'
+            )
 
     def _period_problems(self, period_s: float) -> Iterator[Problem]:
         """Whether the program's period fits the cycles, and a block its steps."""
@@ -295,21 +303,21 @@ class Endurance(OneMotion):
         cycles = max(1, round(period_s * frequency_Hz))
         if abs(period_s * frequency_Hz - cycles) > WHOLE_CYCLES * cycles:
             yield ("current_period",), (
-                f"{period_s:g} s is {period_s * frequency_Hz:.4g} cycles at {frequency_Hz:.4g} Hz; cycles of the same "
-                f'current are compared, so that a whole number is required. Fix: "{cycles / frequency_Hz:.9g} s"'
+                f"{period_s:g} s is {period_s * frequency_Hz:.4g} cycles at {frequency_Hz:.4g} Hz; cycles at the same "
+                f'current are compared, so a whole number is required. Fix: write "{cycles / frequency_Hz:.9g} s"'
             )
             return
         most = cycles * ((MOST_STEPS - 1) // len(self.current_program))
         fewest, longest = self.fewest_in_a_block, self.block or self._longest_block
         if most < fewest or cycles > longest:
             yield ("current_period",), (
-                f"{cycles} cycles with {len(self.current_program)} steps do not fit a block; allowed: at most "
+                f"{cycles} cycles with {len(self.current_program)} steps do not fit into a block; allowed: at most "
                 f"{longest} cycles, and {MOST_STEPS - 1} steps in {fewest} cycles"
             )
         elif self.block is not None and self.block > most:
             yield ("block",), (
-                f"{self.block} cycles contain more than {MOST_STEPS - 1} steps of the current program. Fix: block = "
-                f"{most}"
+                f"{self.block} cycles contain more than {MOST_STEPS - 1} steps of the current program. Fix: set block "
+                f"= {most}"
             )
         yield from self._comparison_problems()
 
@@ -328,8 +336,8 @@ class Endurance(OneMotion):
         for rule in self.stop.rules:
             if rule.kind.relative:
                 yield ("stop", rule.name), (
-                    "the current changes during or next to every cycle of the program while the rod moves fast, so "
-                    "that a delay of a few milliseconds looks like wear. Fix: hold each current for at least "
+                    "the current changes in, or just before or after, every cycle of the program while the rod moves "
+                    "fast, so a delay of a few milliseconds looks like wear. Fix: hold each current for at least "
                     f"{self._fewest_held} cycles, or remove {rule.name}"
                 )
 
@@ -385,7 +393,7 @@ class Endurance(OneMotion):
             yield (
                 f"endurance test {name}: stop rules are evaluated only after a block, so the specimen can run for up "
                 f"to {self.most_in_a_block:,} further cycles ({longest_s:.0f} s) after it has exceeded a limit; only "
-                f"the interlocks of the bench act within a block. Fix: block = {fits}"
+                f"the interlocks of the bench act within a block. Fix: set block = {fits}"
             )
         program = self.program
         if self.stop.rules and program is not None and program.unwatched_A.size:

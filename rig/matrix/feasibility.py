@@ -103,7 +103,7 @@ def _of_block(point: TestPoint, bench: Bench) -> Iterator[Reason]:
     if most is not None:
         text = (
             f"a block of {point.cycles:g} cycles would record {journal_bytes(point.motion_s, bench) / 1e6:.0f} MB; "
-            f"allowed: at most {LARGEST_BLOCK_BYTES / 1e6:.0f} MB. Fix: block = {most}"
+            f"allowed: at most {LARGEST_BLOCK_BYTES / 1e6:.0f} MB. Fix: set block = {most}"
         )
         yield Reason("block", text, point.cycles / most)
 
@@ -184,7 +184,7 @@ def _of_waveform(point: TestPoint, bench: Bench) -> Iterator[Reason]:
         yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
     if point.waveform == "sine" and not bench.actuator.makes_sines:
         text = "sine: the controller moves between two points at constant speed, which produces a triangle"
-        yield Reason("waveform", f'{text}. Fix: waveform = "triangle"')
+        yield Reason("waveform", f'{text}. Fix: set waveform = "triangle"')
 
 
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
@@ -311,7 +311,7 @@ def _of_supply(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reaso
     specimen, ecu = matrix.specimen, bench.ecu
     largest_A, limit_V = max(map(abs, point.steps_A)), ecu.voltage_limit_V
     left_s = _settling_s(point)
-    until = "the rod reverses" if point.kind == RESPONSE else "the next step follows"
+    until = "the rod reverses" if point.kind == RESPONSE else "the next step begins"
     step_A = max((abs(after - before) for before, after in pairwise(point.steps_A)), default=0.0)
     if ecu.slew_limit_A_s is not None and _beyond(step_A / ecu.slew_limit_A_s, left_s):
         text = (
@@ -337,7 +337,7 @@ def _of_supply(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reaso
         if _beyond(needed_s, left_s):
             text = (
                 f"with a coil of {show(specimen.coil_inductance_H, 'mH', 3)} and {ohm:.3g} ohm at {limit_V:.3g} V, the "
-                f"current takes {show(needed_s, 'ms', 3)} to make 95 % of its step, but {until} after "
+                f"current takes {show(needed_s, 'ms', 3)} to complete 95 % of its step, but {until} after "
                 f"{show(left_s, 'ms', 3)}"
             )
             yield Reason("current-settling", text, needed_s)

@@ -24,11 +24,11 @@ def lost_answer_hints(bench: Bench) -> tuple[str, ...]:
         if wait_s > 0.0 and bench.clock.device_rate == 1.0:
             period_s = 1.0 / sensor.rate_Hz
             made_of = f"period {_ms(period_s)}, then twice the time-out of {_ms(wait_s)}"
-            other = "a shorter answer_timeout in its format"
+            other = "a shorter answer_timeout in the sensor's format"
             costs.append((name, sensor.stale_after_s, period_s + 2.0 * wait_s, made_of, other))
     return tuple(
         f'[{name}] stale_after = "{_ms(stale_s)}": a single lost answer leaves up to {_ms(cost_s)} without a value '
-        f'({made_of}) and would stop the rig. Fix: stale_after = "{_ms(cost_s)}" or more, or {other}'
+        f'({made_of}) and would stop the rig. Fix: use stale_after = "{_ms(cost_s)}" or more, or {other}'
         for name, stale_s, cost_s, made_of, other in costs if stale_s < cost_s * (1.0 - ROUNDING)
     )
 

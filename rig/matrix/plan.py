@@ -276,9 +276,9 @@ def _iterated(points: Sequence[TestPoint], matrix: Matrix) -> tuple[tuple[str, .
         ((record, current_A) for record, current_A in targets if record is not None), settings, between_s=SETTLING_S
     )
     hint = (
-        f"{some(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: noise of "
-        f"{settings.noise_s:g} s identifies the machine, and up to {settings.most + 1} trials at each current precede "
-        "the recorded point"
+        f"{some(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: the "
+        f"machine is identified with {settings.noise_s:g} s of noise, and up to {settings.most + 1} trials at each "
+        "current precede the recorded point"
     )
     return (hint, *_force_hints(signals)), longest_s
 
@@ -290,14 +290,14 @@ def _force_hints(signals: Sequence[TestPoint]) -> Iterator[str]:
         if force is None:
             continue
         text = (
-            f"{point.id}: {force.offset_N:.3g} N are subtracted from the force of the file, because the motion for its "
-            "mean would drift; the mean of the measured force is not evaluated. With the expected damper, the RMS "
-            f"error before the iteration is {100.0 * force.forecast_error:.2g} %"
+            f"{point.id}: the mean, {force.offset_N:.3g} N, is subtracted from the force in the file, because a motion "
+            "that produces this mean would drift; the mean of the measured force is not evaluated. With the expected "
+            f"damper, the RMS error before the iteration is {100.0 * force.forecast_error:.2g} %"
         )
         if force.forecast_error > HYSTERESIS:
             text += (
-                "; hysteresis and friction, which no motion compensates in advance, determine most of this force, and "
-                "the iteration is not expected to converge. Fix: a force with higher speeds, or a lower current"
+                "; most of this force is hysteresis and friction, which the first command cannot compensate, so the "
+                "iteration is not expected to converge. Fix: use a force with higher speeds, or a lower current"
             )
         yield text
 

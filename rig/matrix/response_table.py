@@ -71,14 +71,14 @@ class ResponseTable(Section):
     )
     from_A: CoilCurrent = Field(default=0.0, alias="from", description="current before and after each step")
     repeats: int = Field(
-        default=5, ge=1, le=100, description="how often each step is made; at each, the current rises once and falls "
-            "once in each direction of the motion"
+        default=5, ge=1, le=100, description="number of repeats of each step; in each repeat, the current rises once "
+            "and falls once in each direction of the motion"
     )
     window_s: Annotated[float, Quantity("time", "5 ms", "60 s")] = Field(
         default=0.1, alias="window", description="time at constant speed after a step; the force must settle within it"
     )
     run_in_s: Annotated[float, Quantity("time", "5 ms", "60 s")] = Field(
-        default=0.05, alias="run_in", description="time after a reversal until speed and force are steady"
+        default=0.05, alias="run_in", description="time from a reversal until speed and force are steady"
     )
 
     @field_validator("speed_m_s")
@@ -130,9 +130,9 @@ class ResponseTable(Section):
         return (
             f"at {show(speed_m_s, 'm/s')}, a stroke of {show(stroke_m, 'mm')} lasts {show(half_s, 'ms', 3)}; required: "
             f"{show(self.needed_s, 'ms', 3)} (run_in {show(self.run_in_s, 'ms')}, baseline {show(BASELINE_S, 'ms')}, "
-            f"window {show(self.window_s, 'ms')}, tolerance of the start {show(STAGGER_S + 2.0 * START_S, 'ms')}). "
-            f"Fix: speed of at most {show(fits_m_s, 'm/s')}, stroke of at least {show(fits_m, 'mm')}, or a shorter "
-            "window"
+            f"window {show(self.window_s, 'ms')}, start tolerance {show(STAGGER_S + 2.0 * START_S, 'ms')}). "
+            f"Fix: use a speed of at most {show(fits_m_s, 'm/s')}, a stroke of at least {show(fits_m, 'mm')}, or a "
+            "shorter window"
         )
 
     def points(self, number: int, centre_m: float, rest_s: float) -> list[TestPoint]:

@@ -170,7 +170,7 @@ def method_of_plug_in(name: str, brought: object) -> type[Algorithm]:
     for setting in fields(brought):
         if setting.default is MISSING and setting.default_factory is MISSING:
             raise ValueError(
-                f"setting {setting.name!r}: has no default; one is required, because `--method {name}` cannot "
+                f"setting {setting.name!r}: has no default, which is required because `--method {name}` cannot "
                 "specify settings"
             )
     return cast("type[Algorithm]", brought)

@@ -462,7 +462,7 @@ class BenchControl:
             raise Refusal("unknown-run", "This run is not in the list.")
         if not run["own"]:
             other = "the simulated rig" if run["simulated"] else "hardware"
-            raise Refusal("another-rig", f"This run was recorded on {other}; this page operates another rig.")
+            raise Refusal("another-rig", f"This run was recorded on {other}; this page operates a different rig.")
         if not run["resumable"]:
             raise Refusal("nothing-left", "This run has no points left to run.")
         return run

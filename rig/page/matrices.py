@@ -68,7 +68,7 @@ class Matrices:
         matrices.sort(key=lambda entry: entry["remark"] == OTHER)
         notes = []
         if len(usable) < len(names):
-            notes.append(f"{len(names) - len(usable)} files whose names contain unusual characters are not listed")
+            notes.append(f"files with unusual characters in their names, not listed: {len(names) - len(usable)}")
         if len(usable) > MOST_FILES:
             notes.append(f"only the first {MOST_FILES} files are listed")
         return matrices, "; ".join(notes)

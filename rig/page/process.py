@@ -93,8 +93,8 @@ def permanent_socket(settings: PageSettings, address: PermanentAddress) -> socke
             return listening(settings, port)
         except PageProblem as problem:
             last = problem
-    raise PageProblem(f"{last}. Fix: end the program that uses port {address.port}, or choose another port once with "
-        f"--page-address {settings.host}:PORT")
+    raise PageProblem(f"{last}. Fix: stop the program that uses port {address.port}, or choose another port for this "
+        f"start with --page-address {settings.host}:PORT")
 
 
 async def serve_page(settings: PageSettings, announce: Callable[[str], object]) -> None:

@@ -55,9 +55,9 @@ class Rule(StrEnum):
 
 WORDS = {
     Rule.BEYOND: "1 value beyond 3 sigma",
-    Rule.TWO_OF_THREE: "2 of 3 values beyond 2 sigma, on one side",
-    Rule.FOUR_OF_FIVE: "4 of 5 values beyond 1 sigma, on one side",
-    Rule.EIGHT: "8 values in succession on one side of the centre",
+    Rule.TWO_OF_THREE: "2 of 3 consecutive values beyond 2 sigma on the same side",
+    Rule.FOUR_OF_FIVE: "4 of 5 consecutive values beyond 1 sigma on the same side",
+    Rule.EIGHT: "8 consecutive values on the same side of the centre line",
     Rule.RANGE: "difference from the previous value beyond the limit of the moving range",
 }
 ZONES = ((Rule.TWO_OF_THREE, 2, 3, 2.0), (Rule.FOUR_OF_FIVE, 4, 5, 1.0), (Rule.EIGHT, 8, 8, 0.0))
@@ -206,13 +206,13 @@ def _remarks(
         remarks.append("values of phase I beyond the limits, which the limits do not include: "
             f"{len(removed)} of {count}")
     if floored:
-        remarks.append("the values of phase I vary by less than one value is known; sigma is the repeatability of a "
-            "value, or the resolution of the measurement if that is larger")
+        remarks.append("the values of phase I vary by less than the uncertainty of a value; sigma is the repeatability "
+            "of a value, or the resolution of the measurement if that is larger")
     elif sigma == 0.0:
         remarks.append("all values of phase I are equal: every other value is beyond the limits")
     elif abs(correlation) > CORRELATED / math.sqrt(count):
-        remarks.append(f"successive values are correlated ({correlation:.2f}); the limits assume independent values, "
-            "so they are too " + ("narrow" if correlation > 0.0 else "wide"))
+        remarks.append(f"successive values are correlated ({correlation:.2f}); the limits assume independent values "
+            "and are therefore too " + ("narrow" if correlation > 0.0 else "wide"))
     return remarks
 
 

@@ -86,7 +86,7 @@ def document_of(study: Study, *, simulated: bool, display: Display = SI) -> Docu
         simulated: whether all values come from a simulated rig.
         display: units, signs and paper size.
     """
-    title = {ChartStudy: "Control charts", GoldenStudy: "Check by the golden damper",
+    title = {ChartStudy: "Control charts", GoldenStudy: "Golden damper check",
              GaugeStudies: "Gauge repeatability and reproducibility"}[type(study)]
     blocks: Blocks = [Heading(title, 1), _facts(study), *blocks_of(study, None, display), *_figures(study, display)]
     return Document(title, tuple(with_contents(blocks)), SIMULATED if simulated else "", display.paper)
@@ -136,11 +136,11 @@ def _charts(study: ChartStudy, most: int | None) -> Blocks:
             "All values are included, those with signals too."
         )
         listed = _listed(CAPABILITY_HEAD, map(_capability, capable), most)
-        blocks += [*section("Capability of the process", note), *listed]
+        blocks += [*section("Process capability", note), *listed]
     measured = [one for one in study.results if one.measurement is not None]
     if measured:
-        note = "All values are of one specimen, so their variation is that of the measurement (type-1 study)."
-        blocks += [*section("Capability of the measurement", note),
+        note = "All values come from one specimen, so their variation is that of the measurement (type-1 study)."
+        blocks += [*section("Measurement capability", note),
                    *_listed(MEASUREMENT_HEAD, map(_measurement, measured), most)]  # fmt: skip
     return [*blocks, *_reasons(
         (one.series.label, (*one.why, *(() if one.chart is None else one.chart.remarks),
@@ -208,7 +208,7 @@ def _named(results: Sequence[SeriesResult]) -> Blocks:
         return []
     ordered = sorted(by_run.values(), key=lambda listed: (when(listed[0][0].series.rows[listed[0][1]]), len(listed)))
     texts = [_campaign_signals(listed) for listed in ordered[-MOST_NAMED:]]
-    omitted = f"{len(ordered) - MOST_NAMED} earlier campaigns with signals are not listed; --json lists all"
+    omitted = f"Earlier campaigns with signals, not listed: {len(ordered) - MOST_NAMED} (--json lists all)"
     more = [Paragraph(omitted, small=True)] if len(ordered) > MOST_NAMED else []
     return [Heading("Campaigns with signals", 3), Items(tuple(texts)), *more]
 
@@ -291,10 +291,11 @@ def _golden(study: GoldenStudy, most: int | None, display: Display) -> Blocks:
                          number(3.0 * chart.sigma / shown.scale, 3),
                          str(len(signals))), level))  # fmt: skip
     head = (Column("possible cause"), Column("unit"), Column("last day", "", True), Column("3 sigma", "", True),
-            Column("days named as cause", "", True))  # fmt: skip
+            Column("days attributed to this cause", "", True))  # fmt: skip
     blocks.append(table(head, rows))
-    blocks.append(Paragraph("The size of each cause is estimated from all values of a day; a drift of one cause also "
-        "changes the estimates of others, also beyond their limits, so the cause whose pattern fits best is named.",
+    blocks.append(Paragraph("The size of each cause is estimated from all values of a day. A drift due to one cause "
+        "also changes the estimates of the others, possibly beyond their limits, so the cause whose pattern fits best "
+        "is reported.",
         small=True))
     listed = check.findings[-(most or DAYS_NAMED):]
     if len(listed) > 1:
@@ -401,11 +402,11 @@ def _figures(study: Study, display: Display) -> Blocks:
                 drawn = chart_figures(one.chart, one.series.unit, limits=limits, names=names)
                 blocks += [Heading(one.series.label, 3), Figures(tuple(drawn), 2), *_marked(one.chart, names)]
         if len(charted) > MOST_DRAWN:
-            omitted = f"{len(charted) - MOST_DRAWN} further charts are not drawn; --quantity selects some."
+            omitted = f"Further charts, not drawn: {len(charted) - MOST_DRAWN}. Use --quantity to select charts."
             blocks.append(Paragraph(omitted))
         return blocks
     if isinstance(study, GoldenStudy):
-        blocks = section("Charts", "Size of each possible cause over the days, with control limits at 3 sigma.")
+        blocks = section("Charts", "Size of each possible cause by day, with control limits at 3 sigma.")
         cards = tuple(
             Card(f"{cause.words}, {shown.unit}",
                  (Figures((chart_figures(_scaled(chart, shown), shown.unit, "Day")[0],)),))
@@ -425,7 +426,7 @@ def _marked(chart: ControlChart, names: Sequence[str]) -> list[Block]:
     if not indices:
         return []
     listed = ", ".join(f"{index + 1}: {names[index]}" for index in indices[-MOST_NAMED:])
-    earlier = f"; {len(indices) - MOST_NAMED} earlier ones are not listed" if len(indices) > MOST_NAMED else ""
+    earlier = f"; earlier campaigns not listed: {len(indices) - MOST_NAMED}" if len(indices) > MOST_NAMED else ""
     return [Paragraph(f"Campaigns with signals: {listed}{earlier}", small=True)]
 
 

@@ -133,7 +133,7 @@ class GaugeStudy:
             remarks.append(f"{self.operators} operators: their variation has {self.operators - 1} degrees of freedom, "
                 "so its interval is wide")
         if self.parts < ADVISED_PARTS:
-            remarks.append(f"{self.parts} parts; at least {ADVISED_PARTS} (10 in the manual) are advised")
+            remarks.append(f"only {self.parts} parts; recommended: at least {ADVISED_PARTS} (10 in the MSA manual)")
         return tuple(remarks)
 
     def to_json(self) -> dict[str, Any]:
@@ -171,8 +171,8 @@ def gauge_study(values: NDArray[np.float64], tolerance: float | None = None, *, 
         raise ValueError("gauge study: expected at least one finite value of each part and operator")
     most = int(np.max(trials, initial=0))
     if parts < FEWEST_PARTS or most < FEWEST_TRIALS:
-        raise TooFewValues(f"got {parts} part(s) and {most} trial(s), expected at least {FEWEST_PARTS} parts and "
-            f"{FEWEST_TRIALS} trials. Fix: test several specimens, each several times")
+        raise TooFewValues(f"number of parts: got {parts}, expected at least {FEWEST_PARTS}; number of trials: got "
+            f"{most}, expected at least {FEWEST_TRIALS}. Fix: test several specimens, each several times")
     scale = RESOLUTION * float(np.nanmax(np.abs(values)))
     if not np.nanmax(values) - np.nanmin(values) > scale:
         raise ValueError("all values are equal: the resolution of the measurement is too coarse")
@@ -311,7 +311,7 @@ def table_of(cells: Mapping[tuple[str, str], Sequence[float]]) -> tuple[NDArray[
     parts, operators = (sorted({key[place] for key in cells}) for place in (0, 1))
     missing = [f"{part} by {operator}" for part in parts for operator in operators if not cells.get((part, operator))]
     if missing:
-        raise ValueError(f"{len(missing)} of {len(parts) * len(operators)} combinations were not measured: "
+        raise ValueError(f"combinations not measured ({len(missing)} of {len(parts) * len(operators)}): "
             f"{some(missing, '; ', MOST_NAMED)}. Fix: test them; the analysis of variance requires each combination at "
             "least once")
     values = np.full((len(parts), len(operators), max(map(len, cells.values()))), np.nan)

@@ -238,8 +238,8 @@ def golden_check(
     remarks += _unchecked(charts, count)
     findings = tuple(_findings(charts, patterns, used, table - centre, sigma, count))
     if missing:
-        remarks.append(f"{len(missing)} values were not measured on every day of phase I and are not used; first: "
-            f"{missing[0].label}")
+        remarks.append("values not used, because they were not measured on every day of phase I: "
+            f"{len(missing)}; first: {missing[0].label}")
     return GoldenCheck(tuple(used), charts, findings, days, count, missing, tuple(remarks))
 
 
@@ -285,8 +285,8 @@ def _unchecked(charts: Mapping[Cause, ControlChart], count: int) -> Iterable[str
     for cause, chart in charts.items():
         without = np.flatnonzero(~np.isfinite(chart.values[count:])) + count + 1
         if len(without):
-            yield (f"{cause.words}: not checked on {len(without)} day(s) without a valid value that shows it; last: "
-                f"day {without[-1]}")
+            yield (f"{cause.words}: not checked on days without a valid value that shows it: {len(without)}, the last "
+                f"of them day {without[-1]}")
 
 
 def _has_pattern(key: Key) -> bool:

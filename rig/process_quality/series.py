@@ -142,15 +142,15 @@ def remarks_on(rows: Sequence[ResultRow]) -> list[str]:
     points = {(row.campaign, row.point): row.verdict for row in rows}
     bad = sum(verdict != VALID for verdict in points.values())
     if bad:
-        remarks.append(f"{bad} of {len(points)} points are not valid and are not used")
+        remarks.append(f"points not used, because they are not valid: {bad} of {len(points)}")
     simulated = {row.campaign: row.simulated for row in rows}
     count = sum(simulated.values())
     if 0 < count < len(simulated):
-        remarks.append(f"{count} of {len(simulated)} campaigns come from a simulated rig. Fix: use --in or a filter to "
+        remarks.append(f"campaigns from a simulated rig: {count} of {len(simulated)}. Fix: use --in or a filter to "
             "separate them from measured ones")
     without = sum(row.started is None for row in {row.campaign: row for row in rows}.values())
     if without:
-        remarks.append(f"{without} campaigns have no start time and are placed first")
+        remarks.append(f"campaigns without a start time, placed first: {without}")
     for name, values in (("matrices", [row.matrix for row in rows]), ("stations", [row.station for row in rows])):
         known = Counter(value for value in values if value)
         if len(known) > 1:

@@ -359,7 +359,7 @@ def _gauged(series: Series, by: Operator, limits: Limits) -> GaugeResult:
         return GaugeResult(series, why=("a campaign states no specimen. Fix: state its serial number",))
     if not all(names) and any(names):
         without = names.count("")
-        return GaugeResult(series, why=(f"{without} of {len(names)} campaigns state no {by}. Fix: state it",))
+        return GaugeResult(series, why=(f"campaigns that state no {by}: {without} of {len(names)}. Fix: state it",))
     cells: dict[tuple[str, str], list[float]] = {}
     for row, name, value in zip(series.rows, names, series.values, strict=True):
         cells.setdefault((row.specimen, name), []).append(float(value))

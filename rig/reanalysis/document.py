@@ -78,7 +78,7 @@ def _facts(result: Reanalysis) -> Facts:
     if result.models[1]:
         facts.append(_significant(result.fit, "fitted values changed"))
     if result.left_out:
-        facts.append(Fact(str(len(result.left_out)), "points could not be made again", POOR))
+        facts.append(Fact(str(len(result.left_out)), "points could not be regenerated", POOR))
     return Facts(tuple(facts))
 
 
@@ -109,7 +109,7 @@ def changes(result: Reanalysis, most: int | None) -> Blocks:
         blocks.append(Paragraph("Causes:"))
         blocks.append(Items(tuple(f"{cause.words}: {cause.meaning}" for cause in shown)))
     if result.fit_error:
-        blocks.append(Note(POOR, f"The fit could not be made again: {result.fit_error}"))
+        blocks.append(Note(POOR, f"The fit could not be repeated: {result.fit_error}"))
     blocks += [Note(POOR, line) for line in result.left_out]
     return [*blocks, *(Note(FAIR, f"remark: {remark}") for remark in result.remarks)]
 
@@ -139,9 +139,9 @@ def _values(title: str, values: Sequence[ValueChange], most: int | None) -> Bloc
     notable = [one for one in values if one.notable]
     minor: list[Block] = []
     if len(notable) < len(values):
-        further = " further" if notable else ""
-        text = (f"{len(values) - len(notable)}{further} values changed by at most {MINOR_IN_STD:g} standard "
-                f"uncertainties ({MINOR_CHANGE:g} of the value where the uncertainty is unknown).")
+        which = "Further values" if notable else "Values"
+        text = (f"{which} that changed by at most {MINOR_IN_STD:g} standard uncertainties ({MINOR_CHANGE:g} of the "
+                f"value where the uncertainty is unknown): {len(values) - len(notable)}.")
         minor = [Paragraph(text, small=True)]
     if not notable:
         return [*section(title), *minor]

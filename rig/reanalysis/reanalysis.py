@@ -263,7 +263,7 @@ def _remade(point: RecordedPoint, target: Path) -> str:
     copied(source, target)
     if point.imported:
         _judge_imported(point, target)
-        return "imported: the file contains no received samples; only the verdict was made again"
+        return "imported: the file contains no received samples; only the verdict was regenerated"
     if point.kind == ENDURANCE:
         return "endurance block: the file contains the samples of some cycles only, so it was copied"
     return "the file contains no received samples: an earlier version did not store them"
@@ -307,8 +307,8 @@ def _remarks(folder: CampaignFolder, original: Run, kept: Mapping[str, str]) -> 
     """What must be known before the differences are believed."""
     waiting = unfinished(folder.points)
     if waiting:
-        yield (f"{len(waiting)} point(s) of an interrupted campaign are not included. Fix: run `rig recover` on the "
-               "original first")
+        yield (f"points of an interrupted campaign that are not included: {len(waiting)}. Fix: run `rig recover` on "
+               "the original first")
     by_remark: dict[str, list[str]] = {}
     for name, remark in kept.items():
         by_remark.setdefault(remark, []).append(name.removesuffix(".h5"))

@@ -162,7 +162,7 @@ def _check(known: FrequencyResponse) -> None:
     if not all(np.all(np.isfinite(column)) for column in columns) or not np.isfinite(known.delay_s):
         raise ValueError("the response contains values that are not finite")
     if known.frequency_Hz[0] <= 0.0 or np.any(np.diff(known.frequency_Hz) <= 0.0):
-        raise ValueError("the frequencies of the response do not rise from above 0 Hz")
+        raise ValueError("the frequencies of the response must be above 0 Hz and increase from entry to entry")
 
 
 def _differs(about: dict[str, object], owner: DriveOwner) -> str:

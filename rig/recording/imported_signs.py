@@ -66,7 +66,7 @@ def doubtful_signs(
         f"{name}: the mean force at the ends of the stroke is {middle_N:.3g} N in rebound, as if the gas force pulled "
         "the rod in; a gas force pushes the rod out. Displacement and force are probably both positive in "
         f"{'extension' if positive == 'compression' else 'compression'} in the file. Fix: import again {other}; if "
-        "the signs are correct, the zero of the load cell is shifted"
+        "the signs are correct, the zero of the load cell has shifted"
     ]
 
 

@@ -72,7 +72,7 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics], dis
     note = (
         f"Standard uncertainties of the peak values of point {point.id}, where the force changes fastest. "
         "Contributions marked \"not stated\" are not included in the total. A delay between force and displacement "
-        "changes no peak value; its effect on the force at a given displacement is stated below the total."
+        "does not change the peak values; its effect on the force at a given displacement is stated below the total."
     )
     drift_N = _drift_N([view.point for view in views])
     channels = channels_of(point, measured, steepest[point.id], drift_N)

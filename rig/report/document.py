@@ -396,8 +396,8 @@ def unfinished(run: Run, log: Sequence[JsonObject]) -> Blocks:
     last = next((line for line in reversed(log) if line.get("event") == "result"), {})
     stopped_by = last.get("stopped_by")
     cause = f" It was stopped by {last.get('detail') or stopped_by}." if stopped_by else ""
-    count = f"{len(missing)} of {len(names)} planned points were not recorded"
-    return [Note(POOR, f"The test is incomplete: {count}.{cause}")]
+    count = f"{len(missing)} of {len(names)}"
+    return [Note(POOR, f"The test is incomplete. Planned points that were not recorded: {count}.{cause}")]
 
 
 def warnings(run: Run) -> Blocks:
@@ -429,7 +429,7 @@ def fit_warnings(fit: FitRecord) -> Blocks:
     remarks = [Note(FAIR, warning) for warning in fit.warnings]
     notes += remarks[:SHOWN_WARNINGS]
     if more := remarks[SHOWN_WARNINGS:]:
-        notes.append(Details(f"{len(more)} more warnings", tuple(more)))
+        notes.append(Details(f"Further warnings: {len(more)}", tuple(more)))
     return notes
 
 

@@ -33,10 +33,10 @@ from rig.signals.arrays import FloatArray
 from rig.signals.wear_trend import RULES, Forecast, Sections, StopRule
 
 NOTE = (
-    "The specimen was cycled in blocks; the points of the matrix were repeated between them. Statistics are kept of "
-    "every cycle. Each point of the plots is the median of a section of a block. Changes are relative to the first "
-    "block after the running-in; the value after ± is the half width of the 95 % interval of the last change, from the "
-    "scatter of the cycles. A relative limit is reached when it is exceeded by more than this scatter explains. "
+    "The specimen was cycled in blocks; the points of the matrix were repeated between them. Statistics are stored "
+    "for every cycle. Each point of the plots is the median of a section of a block. Changes are relative to the first "
+    "block after the running-in; the value after ± is the half-width of the 95 % interval of the last change, from the "
+    "scatter of the cycles. A relative limit is reached if it is exceeded by more than this scatter explains. "
     "Forecast: cycles at which a straight line through the last half of the sections reaches the limit, with its 95 % "
     "interval. In a current program, cycles at the same current are compared; each rule shows the current at which it "
     "is closest to its limit."
@@ -102,7 +102,7 @@ def _counts(test: EnduranceTest) -> Blocks:
     ]
     missing = shown["cycles_run"] - shown["cycles_recorded"]
     if missing:
-        facts.append(Fact(f"{missing:,}", "cycles run with incomplete samples", FAIR))
+        facts.append(Fact(f"{missing:,}", "cycles with incomplete samples", FAIR))
     if shown["cycles_unrecorded_at_most"]:
         facts.append(Fact(f"up to {shown['cycles_unrecorded_at_most']:,}", "further cycles ran without a record", FAIR))
     ended = RULES[shown["ended_by"]].words if shown["ended_by"] else ""
@@ -324,5 +324,6 @@ def _interrupted(test: EnduranceTest) -> Blocks:
         Column("With statistics", "", True), Column("Without a record", "", True), Column("Verdict"),
         Column("Reasons"),
     )  # fmt: skip
-    more = [Paragraph(f"{further:,} further blocks that are not valid are omitted.", small=True)] if further > 0 else []
+    omitted = f"Further blocks that are not valid, not listed: {further:,}."
+    more = [Paragraph(omitted, small=True)] if further > 0 else []
     return [Heading("Blocks that are not valid", 3), table(head, rows[:MOST_LISTED]), *more]

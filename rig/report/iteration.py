@@ -20,15 +20,15 @@ from rig.signals.arrays import FloatArray
 
 NOTE = (
     "The command of each signal was iterated: the response of the machine from command to displacement was identified "
-    "with band-limited noise and inverted at the frequencies at which the coherence suffices. Trial 0 has the target "
-    "itself as its command, or a stored one. Trials are not recorded as points; their commands are in drives/ of the "
-    "campaign's folder. Errors: RMS deviation of the rod from the target after removal of the delay, relative to the "
-    "RMS of the target about its mean."
+    "with band-limited noise and inverted at the frequencies with sufficient coherence. The command of trial 0 "
+    "is the target itself or a stored command. Trials are not recorded as points; their commands are in drives/ of "
+    "the campaign's folder. Errors: RMS deviation of the rod from the target after removal of the delay, relative to "
+    "the RMS of the target about its mean."
 )
 FORCE_NOTE = (
-    "A force target is compared with the measured force after removal of the means. Its response is that of the motion "
-    "with which the expected damper would give the measured force; the first command is the motion with which the "
-    "expected damper would give the target."
+    "A force target is compared with the measured force after removal of the means. The expected damper "
+    "converts forces to motions: the response is identified from the motion that gives the measured force, and the "
+    "first command is the motion that gives the target."
 )
 HEAD = (
     Column("Point"), Column("Signal"), Column("Errors of the trials", "%"), Column("Recorded", "%", True),
@@ -96,7 +96,7 @@ def _response_figures(point: RecordedPoint, of: Mapping[str, Any], frequency_Hz:
     axis, limit = Axis("Frequency", "Hz"), np.full(2, float(of.get("least_coherence", 0.0)))
     gain = Trace(frequency_Hz, _array(of, "gain"), name="gain")
     coherence = [
-        Trace(frequency_Hz[[0, -1]], limit, Style.THIN, "least coherence"),
+        Trace(frequency_Hz[[0, -1]], limit, Style.THIN, "minimum coherence"),
         Trace(frequency_Hz, _array(of, "coherence"), name="coherence"),
     ]
     return [

@@ -154,7 +154,7 @@ def _some(members: Sequence[T], most: int) -> tuple[list[T], int]:
 
 def _more(count: int) -> Iterator[Paragraph]:
     if count:
-        yield Paragraph(f"{count} further rows are in the full report.", small=True)
+        yield Paragraph(f"Further rows in the full report: {count}.", small=True)
 
 
 def force_text(of: ForceTable, cell: ForceCell, display: Display, *, rebound: bool) -> str:

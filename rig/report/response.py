@@ -23,10 +23,10 @@ from rig.signals.arrays import FloatArray
 from rig.signals.step_response.result import LEVEL_NAMES, LEVELS, State
 
 NOTE = (
-    "The current is stepped while the rod moves at constant velocity. Dead time, and time until the force has made "
-    "63, 90 and 95 % of its step, from the command of the current; coil: the same of the measured current. The times "
-    "are read from the records without a model; a dagger marks times of a fit of one or two lags with dead time, where "
-    "they cannot be. "
+    "The current is stepped while the rod moves at constant velocity. Dead time, and times to 63, 90 and 95 % of "
+    "the force step, from the current command; coil: the same times for the measured current. The times are read from "
+    "the records without a model; where this is not possible, they are those of a fit with one or two lags and dead "
+    "time, marked with a dagger. "
     "\N{PLUS-MINUS SIGN}: standard uncertainty."
 )
 FROM_CURRENT = (
@@ -149,14 +149,14 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
     if force["why"]:
         yield capitalised(force["why"])
     if any(force["fit"][name]["state"] == State.SLOWER for name in LEVEL_NAMES):
-        yield "The force did not settle within the window. Fix: a longer window (lower speed or longer stroke)"
+        yield "The force did not settle within the window. Fix: use a longer window (lower speed or longer stroke)"
     fast = [name for name in LEVEL_NAMES if force["crossing"][name]["state"] == State.FASTER]
     if fast:
         yield f"Too few samples around {', '.join(fast)} to read the time without a model"
     if not force["fit_describes"]:
-        yield f"A fit of {'one lag' if force['order'] == 1 else 'two lags'} does not describe the response"
+        yield f"A fit with {'one lag' if force['order'] == 1 else 'two lags'} does not describe the response"
     elif force["overshoots"]:
-        yield "The response overshoots its end"
+        yield "The response overshoots its final value"
     elif force["order"] == 2:
         yield "The response has two lags"
     if test["current"] is None:
@@ -165,9 +165,9 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
         yield f"Coil current: {test['current']['why']}"
     behind = test["behind_current"]
     if behind is not None and behind["value_s"] < -LEADS * behind["std_s"]:
-        yield "The force leads the measured coil current: the measurement of the current has a filter or a delay"
+        yield "The force leads the measured coil current: the measured current is filtered or delayed"
     if force["repeats_scatter"]:
-        yield "The repeats scatter by more than the noise"
+        yield "The scatter between repeats exceeds the noise"
 
 
 def _cards(tests: Sequence[ResponseTest], display: Display) -> Iterable[Card]:
@@ -180,7 +180,7 @@ def _cards(tests: Sequence[ResponseTest], display: Display) -> Iterable[Card]:
         if traces:
             high_A = max(abs(_high_A(test)) for test in group)
             title = f"{display.speed.text(abs(group[0].velocity_m_s), 3)} {direction}, {high_A:.3g} A"
-            figure = Figure(Axis("Time", "ms"), Axis("Share of the step", "%"), traces, WIDTH, HEIGHT,
+            figure = Figure(Axis("Time", "ms"), Axis("Percentage of the step", "%"), traces, WIDTH, HEIGHT,
                             title=f"{name}: response at {title}")
             yield Card((Strong(name), f" {title}"), (Figures((figure,)),))
 

@@ -151,7 +151,7 @@ def folder_database(folder: Path, report: Callable[[str], None] = lambda _text: 
             raise FileProblem(str(file), [f"cannot be used: {error.orig}"]) from error
         except DBAPIError as error:
             engine.dispose()
-            report(f"{file}: damaged ({error.orig}); it is made again from the run directories")
+            report(f"{file}: damaged ({error.orig}); it is rebuilt from the run directories")
             file.unlink()
             engine = _file_engine(file)
             _prepare(engine, file)

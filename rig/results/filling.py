@@ -87,7 +87,7 @@ def filled_database(
                 if (folder / NAME) in done.damaged:
                     raise
                 done.damaged.append(folder / NAME)
-                done.notes.append(f"{error}; it is made again from the run directories")
+                done.notes.append(f"{error}; it is rebuilt from the run directories")
                 (folder / NAME).unlink(missing_ok=True)
                 continue
             yield database, done

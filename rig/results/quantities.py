@@ -83,11 +83,13 @@ QUANTITIES = {one.name: one for one in (
     StoredQuantity("force_difference_at_rest", "Load cell minus force input of the controller, at rest", "N", BENCH),
     StoredQuantity("current_at_rest", "Reported current while the output stage is off", "A", BENCH),
     StoredQuantity("force_gain", "Sensitivity of the load cell relative to the controller's force input", "1", BENCH),
-    StoredQuantity("force_offset", "Offset of the load cell from the controller's force input", "N", BENCH),
+    StoredQuantity("force_offset", "Offset of the load cell relative to the controller's force input", "N", BENCH),
     StoredQuantity(
         "displacement_gain", "Sensitivity of the LVDT relative to the controller's position input", "1", BENCH
     ),
-    StoredQuantity("displacement_offset", "Offset of the LVDT from the controller's position input", "m", BENCH),
+    StoredQuantity(
+        "displacement_offset", "Offset of the LVDT relative to the controller's position input", "m", BENCH
+    ),
     StoredQuantity("force_noise", "Noise of a force sample", "N", BENCH),
     StoredQuantity("harmonic_distortion", "Harmonic distortion of the motion, relative to the fundamental", "1", BENCH),
     *SPECIAL,

@@ -150,7 +150,8 @@ def unmatched(database: Database, wanted: ResultFilter) -> list[str]:
                 continue
             known = [one for one in connection.execute(select(column).distinct().order_by(column)).scalars() if one]
             if not any(fits_pattern(one, text) for one in known):
-                there = f"known: {some([*map(repr, known)], most=MOST_LISTED)}" if known else "no campaign states one"
+                listed = f"known: {some([*map(repr, known)], most=MOST_LISTED)}"
+                there = listed if known else "but no campaign has a value for it"
                 problems.append(f"--{name}: got {text!r}, {there}")
     return problems
 

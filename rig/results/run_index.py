@@ -168,7 +168,7 @@ def _known(file: Path) -> tuple[dict[str, Kept], bool]:
         warnings.warn(f"{newer}. The runs are listed from their files", DataWarning, stacklevel=3)
         return {}, False
     except (sqlite3.DatabaseError, TypeError, ValueError) as error:
-        text = f"{file}: damaged ({error}); the index of runs is made again from the run directories"
+        text = f"{file}: damaged ({error}); the index of runs is rebuilt from the run directories"
         warnings.warn(text, DataWarning, stacklevel=3)
         return {}, True
 

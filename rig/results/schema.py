@@ -133,7 +133,7 @@ campaigns = Table(
 )  # fmt: skip
 
 MOTION = (
-    ("motion", "motion in one phrase, such as `sine 30 mm 2 Hz`", Text),
+    ("motion", "motion as text, such as `sine 30 mm 2 Hz`", Text),
     ("waveform", "waveform; `hold` if the rod is at rest", Text),
     ("amplitude_m", "requested amplitude (m); for an imported test, the measured one", Double),
     ("frequency_hz", "requested frequency (Hz); for an imported test, the measured one", Double),
@@ -245,7 +245,7 @@ calibrations = Table(
     _text("certificate", "number of the calibration certificate"),
     _text("due", "date on which the calibration expires (ISO 8601)"),
     Column("overdue", Boolean, nullable=False, comment="whether the calibration had expired"),
-    _number("sensitivity", "value per number on the wire, in `unit`"),
+    _number("sensitivity", "value of one raw count, in `unit`"),
     _number("offset_value", "offset that is subtracted, in `unit`"),
     _number("uncertainty_percent", "standard uncertainty of the sensitivity (%); NULL if not stated"),
     _number("range_value", "measuring range in `unit`"),

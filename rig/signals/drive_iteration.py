@@ -368,7 +368,7 @@ def advanced(
         return replace(drive, noise=None, response=known, command=drive.command or target)
     response = drive.response
     if response is None or drive.command is None:
-        raise ValueError("a drive has noise, or a command and a response")
+        raise ValueError("a drive must have noise, or a command and a response")
     trial = tried(len(drive.trials), target, drive.command, measured, response, force_N)
     before = drive.best
     limited = _saturation(target, trial) if saturated else drive.limited
@@ -424,7 +424,9 @@ def _saturation(target: Record, trial: Trial) -> str:
 def _fitting(scale: float) -> str:
     """What fits, by the command for the whole correction: the response of the machine is taken as linear."""
     percent = math.floor(100.0 * scale)
-    return f"the target scaled by {percent / 100.0:g} fits" if percent > 0 else "no scaled target fits"
+    if percent > 0:
+        return f"the target scaled by {percent / 100.0:g} is within the limit"
+    return "no scaled target is within the limit"
 
 
 def _commanded(drive: SignalDrive, target: Record, best: Trial, gain: float) -> Record:
@@ -444,14 +446,14 @@ def _expected(drive: SignalDrive, target: Record, best: Trial, gain: float) -> R
 
 
 REASONS = {
-    LIMIT: "the command that is needed exceeds a limit: {limited}",
+    LIMIT: "the required command exceeds a limit: {limited}",
     NOT_COHERENT: "{outside:.0f} % of the remaining error is at frequencies where command and measured signal are not "
     "coherent (corrected: {band}); these are not corrected",
-    NOISE_FLOOR: "further iterations bring no improvement: the remaining error does not repeat, or does not follow "
-    "the command",
-    DIVERGENCE: "the error grew from {best:.3g} % to {last:.3g} %: the response depends on the motion. Fix: a smaller "
-    "gain",
-    ITERATIONS: "the error is still decreasing after {count} iterations. Fix: more iterations",
+    NOISE_FLOOR: "further iterations do not reduce the error: the rest does not repeat, or does not depend on the "
+    "command",
+    DIVERGENCE: "the error grew from {best:.3g} % to {last:.3g} %: the response depends on the motion. Fix: use a "
+    "smaller gain",
+    ITERATIONS: "the error was still decreasing at the last iteration, {count}. Fix: allow more iterations",
 }
 
 
@@ -468,7 +470,7 @@ def _ended(
         count=drive.trials[-1].number, band="none" if band is None else f"{band[0]:.3g} to {band[1]:.3g} Hz",
     )
     cannot = (
-        f"RMS error {100.0 * best.error:.3g} % after {best.number} iterations, allowed "
+        f"RMS error {100.0 * best.error:.3g} % at iteration {best.number}, allowed "
         f"{100.0 * settings.tolerance:.3g} %: {reason}"
     )
     return replace(drive, command=best.command, outcome=outcome, cannot=cannot)

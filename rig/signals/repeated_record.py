@@ -193,7 +193,7 @@ def repeated_record(cycle: Cycle, cycles: int) -> RepeatedRecord:
     """
     if not 1 <= cycles <= most_cycles(cycle):
         raise NoRecord(
-            f"{cycles} cycles of {cycle.period_s:.4g} s do not fit a motion of at most {LONGEST_S:g} s"
+            f"{cycles} cycles of {cycle.period_s:.4g} s do not fit into a motion of at most {LONGEST_S:g} s"
         )
     between_s = cycles * cycle.period_s
     steps = math.ceil((between_s + 2.0 * cycle.ramp_s) / STEP_S - 1e-6)

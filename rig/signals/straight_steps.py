@@ -75,7 +75,7 @@ class StepsInMotion:
         if self.not_commanded:
             yield f"{self.not_commanded} of {self.planned} steps were not commanded"
         if self.outside:
-            yield f"{self.outside} of {self.planned} steps discarded: outside the straight part of the stroke"
+            yield f"{self.outside} of {self.planned} steps discarded: outside the constant-speed part of the stroke"
         if self.wrong_speed:
             yield (f"{self.wrong_speed} of {self.planned} steps discarded: the speed differs by more than "
                 f"{100 * SPEED_TOLERANCE:g} % from {self.speed_m_s:.3g} m/s")

@@ -59,7 +59,7 @@ class CurrentProgram:
         if not all(map(math.isfinite, (*time_s, *current_A))):
             raise ValueError("the times or currents contain values that are not finite")
         if time_s[0] != 0.0 or any(after - before < SHORTEST_HOLD_S for before, after in pairwise(time_s)):
-            raise ValueError(f"the times must start at 0 s and rise by at least {SHORTEST_HOLD_S:g} s each")
+            raise ValueError(f"the times must start at 0 s and increase by at least {SHORTEST_HOLD_S:g} s per step")
         return cls(time_s, current_A)
 
 

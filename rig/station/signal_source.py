@@ -79,10 +79,10 @@ class SignalOrder:
         if "target" in given:
             target = cls(step_s, *_samples(given["target"], step_s, centre_m), centre_m)
             if len(target.position_m) != len(position_m):
-                raise ValueError(f"{len(target.position_m)} samples of the target for {len(position_m)} of the motion")
+                raise ValueError(f"{len(target.position_m)} samples of the target, but {len(position_m)} of the motion")
         force_N: Sequence[float] = _numbers(given["force"], "force") if "force" in given else ()
         if len(force_N) not in {0, len(position_m)}:
-            raise ValueError(f"{len(force_N)} samples of the force for {len(position_m)} of the motion")
+            raise ValueError(f"{len(force_N)} samples of the force, but {len(position_m)} of the motion")
         return cls(step_s, position_m, velocity_m_s, centre_m, target, force_N)
 
     def force_at(self, elapsed_s: float) -> float:

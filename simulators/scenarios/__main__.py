@@ -87,7 +87,8 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
     if ways["trace"] is not None and len(seeds) > 1:
         raise click.UsageError(f"--trace accepts only one scenario. Fix: --seeds {seeds[0]}")
     if ways["trace"] is not None and ways["scheduler"] is not None:
-        raise click.UsageError("--trace writes a file on this computer. Fix: omit --scheduler")
+        raise click.UsageError("--trace writes a file on this computer, so the scenario must run on it. Fix: omit "
+            "--scheduler")
     if ways["shrink"] and (ways["until"] is not None or ways["trace"] is not None):
         raise click.UsageError("--shrink requires a complete scenario and cannot be combined with --until or --trace")
 

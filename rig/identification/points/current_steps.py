@@ -81,7 +81,7 @@ def lag_of(
         response = _response_of(points)
     lags, refused = [lag for test in response if (lag := _in_motion(test)) is not None], list[str]()
     for name in dict.fromkeys(test.id for test in response if test.current is not None and not test.current.fits):
-        refused.append(f"{name}: steps whose measured current follows no lag are not used")
+        refused.append(f"{name}: steps whose measured current does not follow a lag are not used")
     for point in points:
         if not point.at_rest:
             continue

@@ -169,7 +169,7 @@ def _of_point(point: RecordedPoint) -> tuple[list[ResponseTest], list[str]]:
         return [], ["the commanded current is not recorded"]
     steps, lost = seen.steps, list(seen.lost())
     if not steps:
-        return [], [*lost, "no step lies in the straight part of a half stroke"]
+        return [], [*lost, "no step is in the constant-speed part of a stroke"]
     kinds = list(dict.fromkeys(step.kind for step in steps))
     force = point.force_samples
     good = np.isfinite(force.force_N)

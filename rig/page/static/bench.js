@@ -51,7 +51,7 @@ function opinion() {
   if (outcome.stopped) return ["bad", "■", "STOPPED", outcome.text];
   if (outcome.refused) return ["bad", "✗", "REFUSED", `${outcome.text} (${outcome.refused})`];
   if (line.on && last && last.ended === "finished" && last.rig_state !== "unknown") return ["wait", "Ⅱ", "PRODUCTION", plan ? plan.matrix : ""];
-  return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No run on file yet."];
+  return last ? of_last(last) : ["wait", "Ⅱ", "READY", "No runs recorded yet."];
 }
 const SPECIMEN = { "ok": "OK", "not-ok": "NOT OK", "not-tested": "NOT TESTED" };
 function of_last(last) {
@@ -95,7 +95,7 @@ function buttons() {
   if (before) by_id("choice-text").textContent = `The last run of this matrix (specimen ${before.specimen}) was ${before.ended}; ${before.left} of ${before.total} points are left. Do you want to resume it?`;
   set("start", may && plan && plan.feasible && !before && by_id("serial").value.trim());
   set("resume-now", may && asked && ticks.every((tick) => tick.checked) && (!asked.requalify || by_id("requalified").value.trim()));
-  const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : before ? "First choose whether the stopped run is resumed." : plan && !by_id("serial").value.trim() ? "Enter the serial number of the specimen." : "";
+  const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : before ? "First decide whether to resume the stopped run." : plan && !by_id("serial").value.trim() ? "Enter the serial number of the specimen." : "";
   write("why-not", why);
 }
 

@@ -44,7 +44,7 @@ MOST_WITHOUT_CYCLES = 100_000
 SPARE_SAMPLES = 64
 """Kept beside a part of the samples, for differences at its edges."""
 
-PROGRAM_UNITS = {PROGRAM_CYCLE: ("1", "Cycle of the current program, from 1")}
+PROGRAM_UNITS = {PROGRAM_CYCLE: ("1", "Number of the cycle in the coil-current program, from 1")}
 """Only of a block with a current program."""
 
 Windows = list[tuple[float, float]]

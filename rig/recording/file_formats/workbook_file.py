@@ -247,7 +247,7 @@ def _sheets(file: Path, data: bytes, kind: str, decimal: str | None) -> Iterator
     if done.returncode:
         raise FileProblem(str(file), [
             f"cannot be read as {kind}: its sheets require more than {MEMORY_BYTES >> 30} GiB of memory or {CPU_S} s, "
-            "or the file is damaged. Fix: delete cells far away from the table, or save the sheet with the test as CSV"
+            "or the file is damaged. Fix: delete the cells far from the table, or save the sheet with the test as CSV"
         ])  # fmt: skip
 
 
@@ -260,6 +260,6 @@ def _not_calculated(data: bytes) -> list[str]:
                 if name.startswith("xl/worksheets/") and name.endswith(".xml"):
                     count += len(NOT_CALCULATED.findall(packed.read(name)))
     return [
-        f"{count} formula(s) in the workbook have no stored value, and formulas are not evaluated. Fix: open the "
+        f"formulas without a stored value in the workbook: {count}; formulas are not evaluated. Fix: open the "
         "workbook in a spreadsheet program and save it"
     ] * bool(count)

@@ -68,7 +68,8 @@ def check_file(path: Path, groups: Iterable[str] | None = None, tree: str = "") 
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        way_out = "" if path.suffix in HDF5_SUFFIXES else f"; for a file of another program, use rig import {path.name}"
+        other = f"; for a file from another program, use rig import {path.name}"
+        way_out = "" if path.suffix in HDF5_SUFFIXES else other
         raise FileProblem(str(path), [f"cannot be read as HDF5: {error}{way_out}"]) from error
     status = path.stat()
     identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)

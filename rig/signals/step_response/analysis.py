@@ -68,7 +68,7 @@ def step_response(records: Sequence[Record], seen: Seen = UNFILTERED) -> StepRes
     size, size_std = step_size(group, fit)
     known = StepResponse(len(usable), size, size_std, math.sqrt(fit.noise.variance), fit.noise.next)
     if not abs(size) > VISIBLE * size_std:
-        return replace(known, why="the step does not stand out from the noise")
+        return replace(known, why="the step cannot be distinguished from the noise")
     two = fit_two_lags(group, fit)
     if two is not None and gain_of(fit, two) > LEAST_GAIN and (two.lags.product <= EQUAL or describes(group, two)):
         fit = two
@@ -79,7 +79,7 @@ def step_response(records: Sequence[Record], seen: Seen = UNFILTERED) -> StepRes
         return replace(known, why="the resolution of the sensor is too coarse for the step")
     course = max(1, group.inside(fit.lags.dead_s, fit.lags.time_to_s(INSIDE_SHARE)))
     if abs(size) * math.sqrt(course) < LEAST_CLEAR * known.noise:
-        return replace(known, why="the noise is too strong to show the course of the response")
+        return replace(known, why="the noise is too high to show the shape of the response")
     return _Times(group, fit).of(known)
 
 

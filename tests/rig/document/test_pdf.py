@@ -58,7 +58,7 @@ def pdf() -> bytes:
     return pdf_of(Document("Damper test report <x>", [
         Heading("Damper test report: <script>", 1), Paragraph("simulated rig", small=True),
         Note(POOR, Strong("The model does not fit.")), Heading("A long table"), table(wide, rows, range(1, 14)),
-        Details("9 more warnings", (Note(FAIR, "warning nine"),)),
+        Details("Further warnings: 9", (Note(FAIR, "warning nine"),)),
         Heading("Loops"), Cards(tuple(Card(Strong(f"p{k}"), (FIGURES,)) for k in range(9)), large=True),
         Heading("Charts"), Cards((Card(Strong("chart"), (FIGURES,)),) * 3),
         Properties({"operator": "Jos\u00e9 \u4e2d", "empty": ""}), Items(("an item",)), Listing("[[point]]\n  x = 1"),

@@ -93,10 +93,10 @@ def test_endurance_alone_is_no_fit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (("performance_every = 400", "performance_every = 4000"), "4000 cycles is more than the test has"),
+        (("performance_every = 400", "performance_every = 4000"), "4000 cycles exceeds the length of the test"),
         (("cycles = 1000", "cycles = 5"), "endurance[1].cycles"),
         (("block = 150", "block = 20000"), "endurance[1].block"),
-        (("block = 150", "block = 150\nrun_in = 1000"), "no cycle for the baseline"),
+        (("block = 150", "block = 150\nrun_in = 1000"), "no cycles for the baseline"),
         (('force_down = "20 %"', 'force_down = "120 %"'), "endurance[1].stop.force_down"),
         (("[endurance.stop]", 'waveform = "triangle"\n[endurance.stop]\nfriction_up = "20 %"'), "cannot be separated"),
         (('force_down = "20 %"', 'forcedown = "20 %"'), "force_down"),
@@ -161,13 +161,13 @@ def test_blocks_have_no_more_steps_than_a_program_can_have(tmp_path: Path) -> No
     ("program", "expected"),
     [
         ("", "specify current or current_program"),
-        (PROGRAM.replace("4 s", "4.1 s"), "16.4 cycles at 4 Hz; cycles of the same current are compared"),
+        (PROGRAM.replace("4 s", "4.1 s"), "16.4 cycles at 4 Hz; cycles at the same current are compared"),
         (PROGRAM + 'current = "1 A"\n', "current_program is also specified"),
         (PROGRAM.splitlines()[0] + "\n", "current_period: missing"),
         (PROGRAM.replace("0 s", "1 s"), "required: 0 s"),
         (PROGRAM.replace("2 s", "5 s"), "not later than the last step"),
         (PROGRAM.replace("1 A", "0.2 A"), "only one current"),
-        (PROGRAM.replace("4 s", "50 s"), "do not fit a block"),
+        (PROGRAM.replace("4 s", "50 s"), "do not fit into a block"),
         (PROGRAM.replace("2 s", "20 ms").replace("4 s", "0.25 s"), "stop.force_down = \"20 %\": the current changes"),
         (PROGRAM.replace("2 s", "0.5 s").replace("4 s", "1 s"), "hold each current for at least 4 cycles"),
         (PROGRAM.replace("2 s", "0.75 s").replace("4 s", "1.5 s"), None),
@@ -268,15 +268,15 @@ def test_only_an_actuator_with_set_points_repeats_a_record(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (('"10 Hz" }', '"4 Hz" }'), "is the frequency of the base sine"),
+        (('"10 Hz" }', '"4 Hz" }'), "is already the frequency of the base sine"),
         (('"10 Hz" }', '"9.8696044 Hz" }'), "does not repeat within 599.5 s; its cycles cannot be compared. Fix: "
-            "simple ratios to 4 Hz, for example 10 Hz"),
+            "use simple ratios to 4 Hz, for example 10 Hz"),
         (('"10 Hz" }', '"4.001 Hz" }'), "for example 6 Hz"),
         (('"10 Hz" }', '"0.3141592 Hz" }'), "for example 0.25 Hz"),
         (('"10 Hz" }', '"9 Hz" }, { amplitude = "2 mm", frequency = "9 Hz" }'), "the frequency of another added sine"),
         (("cycles = 1000", 'waveform = "triangle"\ncycles = 1000'), "only to a sine, not to a triangle"),
         (("cycles = 1000", 'ramp = "1 s"\ncycles = 1000'), "applies only with file"),
-        (("block = 150", "block = 5000"), "Fix: block = 1199"),
+        (("block = 150", "block = 5000"), "Fix: set block = 1199"),
         (("cycles = 1000", 'file = "road.csv"\ncycles = 1000'), "file is also specified"),
         (("amplitude = \"10 mm\"\n", ""), "missing: amplitude"),
     ],
@@ -302,7 +302,7 @@ def test_long_blocks_are_warned_of(tmp_path: Path) -> None:
     (test,) = load(tmp_path, QUICK + long).endurance
     (hint,) = test.hints("wear")
     assert "up to 2,400 further cycles (600 s)" in hint
-    assert "Fix: block = 240" in hint
+    assert "Fix: set block = 240" in hint
     assert list(load(tmp_path, QUICK + long.split("[endurance.stop]")[0]).endurance[0].hints("wear")) == []
     (test,) = load(tmp_path, QUICK + TEST.replace('current = "1 A"\n', PROGRAM)).endurance
     assert list(test.hints("wear")) == []

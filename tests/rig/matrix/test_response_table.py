@@ -59,7 +59,7 @@ def test_each_repeat_steps_the_current_up_and_down_once_in_each_direction() -> N
     ("change", "message"),
     [
         (('"0.2 m/s"', '"0.3 m/s"'),
-         r"speed\[2\].* lasts 267 ms; required: 360 ms .* Fix: speed of at most 0.2222 m/s, stroke of at least 108 mm"),
+         r"speed\[2\].* lasts 267 ms; required: 360 ms .* speed of at most 0.2222 m/s, a stroke of at least 108 mm"),
         (('stroke = "80 mm"', 'stroke = "80 mm"\namplitude = "40 mm"'), "specify amplitude or stroke"),
         (('stroke = "80 mm"\n', ""), "specify amplitude or stroke"),
         (('"1 A"', '"0 A"'), "too small; required: at least 0.05 A"),
@@ -102,7 +102,7 @@ def test_steps_that_the_supply_cannot_make_are_refused() -> None:
     coil = 'coil_resistance = "5 ohm"\ncoil_inductance = "0.8 H"'
     assert slugs(supply, matrix(specimen=coil)) == [[], [], ["current-settling"], ["current-settling"]]
     reason = plan(matrix(specimen=coil), supply).points[2].reasons[0]
-    assert f"{1e3 * 0.16 * math.log(20.0):.0f} ms to make 95 %" in reason
+    assert f"{1e3 * 0.16 * math.log(20.0):.0f} ms to complete 95 %" in reason
     assert "the rod reverses after" in reason
     weak = DEMO.model_copy(update={"ecu": replace(DEMO.ecu, voltage_limit_V=9.0)})
     assert slugs(weak, matrix(specimen='coil_resistance = "5 ohm"')) == [[], ["current"], [], ["current"]]

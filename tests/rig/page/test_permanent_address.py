@@ -96,7 +96,7 @@ def test_a_known_port_that_another_program_has_is_not_exchanged_in_silence(tmp_p
     next_one = permanent_socket(PageSettings(), address)
     assert next_one.getsockname()[1] != other.getsockname()[1]
     address.known, address.port = True, other.getsockname()[1]
-    with pytest.raises(PageProblem, match=r"choose another port once with --page-address 127\.0\.0\.1:PORT"):
+    with pytest.raises(PageProblem, match=r"choose another port for this start with --page-address 127\.0\.0\.1:PORT"):
         permanent_socket(PageSettings(), address)
     for sock in (other, next_one):
         sock.close()

@@ -144,7 +144,7 @@ def test_an_interaction_one_operator_and_bad_studies() -> None:
     for bad, message in ((np.ones((3, 2, 2)), "equal"), (np.full((3, 2, 2), np.nan), "finite")):
         with pytest.raises(ValueError, match=message):
             gauge_study(bad)
-    with pytest.raises(TooFewValues, match="1 trial"):
+    with pytest.raises(TooFewValues, match="trials: got 1"):
         gauge_study(crossed[:, :, :1])
     values, parts, operators = table_of({("b", "x"): [1, 2, 3], ("a", "x"): [4, 5]})
     assert (values.shape, parts, operators) == ((2, 1, 3), ["a", "b"], ["x"])

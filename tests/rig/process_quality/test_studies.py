@@ -126,7 +126,7 @@ def test_a_day_without_forces_does_not_end_the_check_of_forces() -> None:
     check = golden_check(values, BASELINE)
     assert [one.cause for one in check.findings[-1].explanations] == [Cause.FORCE]
     assert check.charts[Cause.FORCE].to_json()["values"][-3] is None
-    assert any(f"last: day {DAYS - 2}" in remark for remark in check.remarks)
+    assert any(f"the last of them day {DAYS - 2}" in remark for remark in check.remarks)
     assert check.unchecked == ()
 
 
@@ -161,7 +161,7 @@ def test_repeats_are_averaged_and_rows_are_in_the_order_of_time() -> None:
     assert result.series.values == pytest.approx(expected)
     assert result.chart is not None
     assert result.chart.baseline == 25
-    assert any("1 of 32 points are not valid" in remark for remark in study.remarks)
+    assert any("not valid: 1 of 32" in remark for remark in study.remarks)
 
 
 def test_capability_uses_the_bands_that_apply(tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_mixed_and_missing_rows_are_named() -> None:
         (chart_study, [], "no value matches"), (chart_study, rows(normal(9), verdict="invalid"), "valid point"),
         (golden_study, [*rows(normal(12), specimen="G"), row(99, 500.0, specimen="G", verdict="invalid")],
          "last run .run99. cannot be checked: no point is valid"),
-        (gauge_studies, rows(normal(6)), "1 trial"), (gauge_studies, rows(normal(6), specimen=""), "no specimen"),
+        (gauge_studies, rows(normal(6)), "trials: got 1"), (gauge_studies, rows(normal(6), specimen=""), "no specimen"),
     )  # fmt: skip
     for study, listed, message in bad:
         with pytest.raises(FileProblem, match=message):

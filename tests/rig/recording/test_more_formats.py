@@ -186,7 +186,7 @@ def test_columns_below_a_merged_cell_are_found_by_it_and_hidden_sheets_only_by_n
 
 def test_formulas_are_not_evaluated(tmp_path: Path) -> None:
     rows = [TABLE[0], *([t, x, f"=B{k}*45"] for k, (t, x, _) in enumerate(TABLE[1:], 2))]
-    with pytest.raises(FileProblem, match=r"200 formula\(s\) in the workbook have no stored value"):
+    with pytest.raises(FileProblem, match="formulas without a stored value in the workbook: 200"):
         read(workbook(tmp_path / "a.xlsx", {"Run": rows}), COLUMNS)
 
 

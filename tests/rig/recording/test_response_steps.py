@@ -141,9 +141,9 @@ def test_steps_outside_the_straight_part_are_discarded_and_counted(tmp_path: Pat
     assert [(test.steps, test.discarded) for test in tests] == [(2, 1)] * 4
     assert point.verdict == "suspect"
     assert point.reasons == (
-        "response-steps: 4 of 12 steps discarded: outside the straight part of the stroke",
+        "response-steps: 4 of 12 steps discarded: outside the constant-speed part of the stroke",
     )
-    assert left_out == ["response1: 4 of 12 steps discarded: outside the straight part of the stroke"]
+    assert left_out == ["response1: 4 of 12 steps discarded: outside the constant-speed part of the stroke"]
     blocks = response_blocks([test.to_json() for test in tests], SI, narrow=True)
     assert "Discarded steps: 4 of 12 in response1." in [text for text, _ in lines(blocks, 80)]
 

@@ -149,7 +149,7 @@ def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
 
 def test_many_warnings_are_folded_and_none_is_lost(run: Path) -> None:
     page = written(run, fit_of(warnings=[f"warning number {k}" for k in range(9)]))
-    assert "4 more warnings" in page
+    assert "Further warnings: 4" in page
     assert all(f"warning number {k}<" in page for k in range(9))
 
 

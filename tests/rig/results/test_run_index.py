@@ -108,7 +108,7 @@ def test_what_changed_outside_is_read_again_and_nothing_else(folder: Path, chang
 def test_a_damaged_database_is_named_and_made_again(folder: Path, damage: Any) -> None:  # noqa: ANN401 - any call
     checked(folder)
     (folder / NAME).write_bytes(damage((folder / NAME).read_bytes()))
-    with pytest.warns(DataWarning, match=r"\.rig-runs\.sqlite: damaged .* made again from the run directories"):
+    with pytest.warns(DataWarning, match=r"\.rig-runs\.sqlite: damaged .* rebuilt from the run directories"):
         assert checked(folder) == ["r0", "r1"]
     assert checked(folder) == []
 

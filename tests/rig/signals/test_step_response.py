@@ -157,7 +157,7 @@ def test_a_step_within_the_noise_says_so() -> None:
 
 def test_a_noise_that_hides_the_course_of_the_response_says_so() -> None:
     seen = step_response(records(1, 0.015, 0.002, 100.0, step_N=100.0, noise_N=30.0, window_s=0.2))
-    assert seen.why == "the noise is too strong to show the course of the response"
+    assert seen.why == "the noise is too high to show the shape of the response"
     assert not any(time.measured for time in (*seen.fit, *seen.crossing))
 
 

@@ -227,7 +227,7 @@ def test_a_bus_that_breaks_during_a_program_is_reported() -> None:
         ({"time_s": [0.0, 1.0], "current_A": [0.5, 1.0]}, {}, "starts at 0.5 A, but 0 A is commanded now"),
         (STEPS, {"by_hand": True}, "set manually"),
         ({"time_s": [0.1, 1.0], "current_A": [0.0, 1.0]}, {}, "must start at 0 s"),
-        ({"time_s": [0.0, 0.001], "current_A": [0.0, 1.0]}, {}, "rise by at least 0.002 s"),
+        ({"time_s": [0.0, 0.001], "current_A": [0.0, 1.0]}, {}, "increase by at least 0.002 s"),
         ({"time_s": [0.0], "current_A": [0.0, 1.0]}, {}, "1 times and 2 currents"),
         ({"time_s": [0.0, float("nan")], "current_A": [0.0, 1.0]}, {}, "not finite"),
         ({"time_s": [0.01 * k for k in range(2001)], "current_A": [0.0] * 2001}, {}, "allowed: 1 to 2000"),
