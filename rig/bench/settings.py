@@ -299,6 +299,10 @@ class EcuConfig(Settings):
         default=None, metadata=key("slew_limit", description="highest rate at which the source changes the current; "
             "the plan rejects steps that the source cannot make in time")
     )
+    current_delay_s: Delay | None = field(
+        default=None, metadata=key("current_delay", description="group delay of the filter in the measurement of the "
+            "coil current, as for the sensors; response times of the current are corrected for it")
+    )
     identity: Name | None = field(
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must contain")
     )
@@ -398,7 +402,7 @@ class EcuConfig(Settings):
             "interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s", "url",
             "baudrate", "poll_s", "timeout_s", "pressure_while_asked", "answer_within_s", "rehearsal", "device_id",
         )
-        new = ("roles", "supply", "voltage_limit_V", "slew_limit_A_s", "identity", "by_hand")
+        new = ("roles", "supply", "voltage_limit_V", "slew_limit_A_s", "current_delay_s", "identity", "by_hand")
         unsaid = (name for name in new if getattr(self, name) in (None, False))
         return dict.fromkeys((*link, *unsaid), True)
 

@@ -156,6 +156,7 @@ class PointContext:
         simulated: True when no real damper was tested.
         current_by_hand: the current is what the operator confirmed; it was not measured.
         current_unmeasured: the current is what an analogue output was sent; it was not measured.
+        current_delay_s: group delay of the filter in the measurement of the coil current (bench `[ecu] current_delay`).
         streamed: the motion was made of set-points sent one by one.
         calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
             allows them to differ by, and what they showed at rest before the first motion.
@@ -176,6 +177,7 @@ class PointContext:
     simulated: bool = False
     current_by_hand: bool = False
     current_unmeasured: bool = False
+    current_delay_s: float = 0.0
     streamed: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)

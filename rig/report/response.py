@@ -20,7 +20,7 @@ from rig.document.style import FITTED, MEASURED, RESIDUAL, category_colour
 from rig.document.words import Key, Strong, capitalised
 from rig.identification.points.response_steps import COMMAND, Curve, ResponseTest
 from rig.signals.arrays import FloatArray
-from rig.signals.step_response.result import LEVEL_NAMES, LEVELS, State
+from rig.signals.step_response.result import LEVEL_NAMES, LEVELS, State, TimeResult
 
 NOTE = (
     "The current is stepped while the rod moves at constant velocity. Dead time, and times to 63, 90 and 95 % of "
@@ -35,6 +35,8 @@ FROM_CURRENT = (
 WIDTH, HEIGHT = 440, 260
 LEADS = 3.0
 """Standard uncertainties by which the force leads the current."""
+APART = 0.012
+"""Distance of the marks of two lines at one place, of the width of the figure."""
 SHOWN = 3
 """Results that a remark names; it states the number of the others."""
 ARROW, DAGGER = "\N{RIGHTWARDS ARROW}", "\N{DAGGER}"
@@ -165,7 +167,10 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
         yield f"Coil current: {test['current']['why']}"
     behind = test["behind_current"]
     if behind is not None and behind["value_s"] < -LEADS * behind["std_s"]:
-        yield "The force leads the measured coil current: the measured current is filtered or delayed"
+        yield (
+            "The force leads the measured coil current: the measured current is filtered or delayed. Fix: state this as "
+            "current_delay in [ecu] of the bench file"
+        )
     if force["repeats_scatter"]:
         yield "The scatter between repeats exceeds the noise"
 
@@ -231,21 +236,35 @@ def _over(
     tests: Sequence[ResponseTest], place: int, axis: Axis, title: str, at: Callable[[ResponseTest], float],
     group: Callable[[ResponseTest], str],
 ) -> Figure:
-    """Times over one quantity: a line for each group and direction of the step, with 95 % intervals."""
+    """Times over one quantity: a line for each group and direction of the step, with marks and 95 % intervals.
+
+    The marks of each line lie a little beside those of the others, so that intervals at one place stay apart.
+    """
     lines: dict[str, list[ResponseTest]] = {}
     for test in tests:
         lines.setdefault(f"{group(test)}, {'on' if test.rises else 'off'}", []).append(test)
     traces = []
+    places = [at(test) for test in tests]
+    apart = APART * (max(places) - min(places)) if len(set(places)) > 1 else 0.0
     for index, (name, members) in enumerate(lines.items()):
         colour = category_colour(index)
         ordered = sorted(members, key=at)
         times = [test.best(place) for test in ordered]
-        x, y = np.array([at(test) for test in ordered]), np.array([1e3 * time.value_s for time in times])
+        x = np.array([at(test) for test in ordered]) + apart * (index - 0.5 * (len(lines) - 1))
+        y = np.array([1e3 * time.value_s for time in times])
         # A line over both directions of the motion would pass through standstill.
         breaks = [k + 1 for k, (one, other) in enumerate(pairwise(x)) if one < 0.0 < other]
         traces.append(Trace(np.insert(x, breaks, math.nan), np.insert(y, breaks, math.nan), Style.MEASURED, name,
                             colour))
+        traces.append(Trace(x, y, Style.POINTS, colour=colour))
         for place_x, time in zip(x, times, strict=True):
-            traces.append(Trace(np.full(2, place_x), 1e3 * np.array([time.low_s, time.high_s]), Style.RESIDUAL, "",
-                                colour))
+            traces += _interval(place_x, time, 0.3 * apart, colour)
     return Figure(axis, Axis(title.split(" ")[0], "ms"), traces, WIDTH, HEIGHT + 40, title=title, legend=True)
+
+
+def _interval(x: float, time: TimeResult, half_cap: float, colour: str) -> list[Trace]:
+    """The 95 % interval of a time as a bar with caps (ms)."""
+    low, high = 1e3 * time.low_s, 1e3 * time.high_s
+    across = x + half_cap * np.array([-1.0, 1.0, 0.0, 0.0, -1.0, 1.0])
+    up = np.repeat([low, high], 3)
+    return [Trace(across, up, Style.THIN, "", colour)]

@@ -294,6 +294,7 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         current_by_hand=campaign.bench.ecu.by_hand,
         streamed=campaign.bench.actuator.setpoints_s is not None,
         current_unmeasured=not (campaign.bench.ecu.measured or campaign.bench.ecu.by_hand),
+        current_delay_s=campaign.bench.ecu.current_delay_s or 0.0,
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,
         channels=campaign.channels,

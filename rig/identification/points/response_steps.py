@@ -247,7 +247,9 @@ def _result(
     response = _unknown_origin(len(steps)) if math.isinf(origin_std_s) else step_response(
         records, Seen(bandwidth_of(point), origin_std_s)
     )
-    of_current = step_response(currents, Seen(time_std_s=of_current_std_s, drifts=False)) if currents else None
+    of_current = step_response(
+        currents, Seen(current_bandwidth_of(point), of_current_std_s, drifts=False)
+    ) if currents else None
     apart_std_s = math.hypot(force_std_s, current_std_s)
     return ResponseTest(
         point.id, float(np.mean([step.velocity_m_s for step in steps])), steps[0].from_A, steps[0].to_A, len(steps),
@@ -281,13 +283,25 @@ def _clock_std_s(point: RecordedPoint, channel: str) -> float:
 
 def bandwidth_of(point: RecordedPoint) -> float | None:
     """Cut-off frequency of the load cell's filter (Hz), declared or by its declared delay; None: no filter known."""
-    context = point.provenance.get("context")
-    if not isinstance(context, str):
-        return None
-    sensor: Mapping[str, Any] = json.loads(context).get("sensors", {}).get("force", {})
+    sensor: Mapping[str, Any] = _context(point).get("sensors", {}).get("force", {})
     if sensor.get("bandwidth_Hz"):
         return float(sensor["bandwidth_Hz"])
-    return DELAY_TIMES_BANDWIDTH / float(sensor["delay_s"]) if sensor.get("delay_s") else None
+    return _of_delay(sensor.get("delay_s"))
+
+
+def current_bandwidth_of(point: RecordedPoint) -> float | None:
+    """Cut-off frequency of the filter of the measured current (Hz), by its declared delay; None: no filter known."""
+    return _of_delay(_context(point).get("current_delay_s"))
+
+
+def _context(point: RecordedPoint) -> Mapping[str, Any]:
+    """What the recording states of the bench; empty of an imported point."""
+    context = point.provenance.get("context")
+    return json.loads(context) if isinstance(context, str) else {}
+
+
+def _of_delay(delay_s: float | None) -> float | None:
+    return DELAY_TIMES_BANDWIDTH / float(delay_s) if delay_s else None
 
 
 def _curve(

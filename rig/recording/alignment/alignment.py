@@ -196,14 +196,15 @@ def _status(
     name: str, channel: Records, by_name: Mapping[str, Records], host: HostMap, context: PointContext,
 ) -> TimedChannel:
     records = channel[:]
+    delay_s = context.current_delay_s if name == "coil_current" else 0.0
     arrival_s, device_s = host.time_s(records["host_ns"]), records["device_us"] * 1e-6
     if CHANNELS.get(name) in CONTROLLER_CHANNELS and np.all(records["device_us"] >= 0):
         clock = IDENTITY
     elif name in ECU_CLOCKED and np.all(records["device_us"] >= 0):
         clock = _ecu_clock(device_s, arrival_s, by_name, context)
     else:
-        return TimedChannel(name, records, arrival_s, ClockModel(0.0, 0.0, 1.0, 0.0, ARRIVAL), 0, 0.0)
-    time_s = clock.time_s(device_s)
+        return TimedChannel(name, records, arrival_s - delay_s, ClockModel(0.0, 0.0, 1.0, 0.0, ARRIVAL), 0, delay_s)
+    time_s = clock.time_s(device_s) - delay_s
     return TimedChannel(name, records, time_s, clock, 0, float(np.median(arrival_s - time_s)))
 
 

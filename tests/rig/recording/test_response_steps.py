@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 from synthetic_rig import SyntheticRig
 
 from drivers.ring import Channel
@@ -38,6 +40,7 @@ class SteppedRig(SyntheticRig):
     fluid_s: float = FLUID_S
     late_s: float = 0.0
     coil_s: float = COIL_S
+    filter_delay_s: float = 0.0
 
     def displacement(self, time_s: np.ndarray) -> np.ndarray:
         phase = self.phase(time_s)
@@ -62,11 +65,21 @@ class SteppedRig(SyntheticRig):
         way = np.sign(self.displacement(time_s + step) - self.displacement(time_s - step))
         return self.stiffness * self.displacement(time_s) + STEP_N * way * self.current(time_s, second_s=self.fluid_s)
 
+    def seen_current(self, time_s: np.ndarray) -> np.ndarray:
+        """The coil's current behind a second-order Butterworth low-pass with this delay."""
+        if not self.filter_delay_s:
+            return self.current(time_s)
+        fine_s = np.arange(time_s[0] - 0.5, time_s[-1] + 1e-3, 1e-4)
+        cutoff_Hz = math.sqrt(2.0) / (math.tau * self.filter_delay_s)
+        passed = sosfilt(butter(2, cutoff_Hz, fs=1e4, output="sos"), self.current(fine_s))
+        return np.interp(time_s, fine_s, passed)
+
     def records(self) -> np.ndarray:
         everything = super().records()
         coil = everything["channel"] == Channel.COIL_CURRENT
         at_s = everything["device_us"][coil] * 1e-6 + 42.0
-        everything["value"][coil] = self.current(at_s) + 0.002 * np.random.default_rng(2).standard_normal(len(at_s))
+        noise_A = 0.002 * np.random.default_rng(2).standard_normal(len(at_s))
+        everything["value"][coil] = self.seen_current(at_s) + noise_A
         commands = np.zeros(len(self.point.steps_s), everything.dtype)
         commands["host_ns"] = np.round(1e9 * (self.start_s + self.late_s + np.array(self.point.steps_s)))
         commands["device_us"], commands["value"] = -1, self.point.steps_A
@@ -129,6 +142,20 @@ def test_coil_and_fluid_are_told_apart(measured: tuple[RecordedPoint, tuple[Resp
         (time, *_) = test.force.crossing
         assert time.measured
         assert time.low_s < 0.0201 < time.high_s, "63.2 % of two lags of 12 and 6 ms: 20.1 ms"
+
+
+def test_a_declared_filter_of_the_current_is_removed(tmp_path: Path) -> None:
+    """A filter of 5 ms makes the force lead the current; declared, coil and fluid are as without it."""
+    rig = rig_of(filter_delay_s=0.005)
+    (undeclared, *_), _ = response_tests([recorded(tmp_path, rig)])
+    assert undeclared.behind_s[0] == pytest.approx(FLUID_S - 0.005, abs=4.0 * undeclared.behind_s[1])
+    (tmp_path / "declared").mkdir()
+    tests, _ = response_tests([recorded(tmp_path / "declared", rig, current_delay_s=0.005)])
+    for test in tests:
+        assert test.current is not None
+        assert test.current.order == 1, "the filter is not taken for a second lag"
+        assert test.current.lag.value_s == pytest.approx(COIL_S, abs=max(4.0 * test.current.lag.std_s, 2e-4))
+        assert test.behind_s[0] == pytest.approx(FLUID_S, abs=4.0 * test.behind_s[1])
 
 
 def test_steps_outside_the_straight_part_are_discarded_and_counted(tmp_path: Path) -> None:
