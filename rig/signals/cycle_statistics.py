@@ -32,6 +32,11 @@ EXTREME_SHARE = 1e-3
 ONE_CYCLE = 1.5
 """Periods from which two crossings are more than one cycle apart: samples between them are missing."""
 
+MIDDLE_PERIODS = 2.0
+"""Over which the middle of the motion is taken where it drifts."""
+DRIFTED = 0.3
+"""Of the amplitude: a larger difference of the middles is a drift; ramps and noise are less."""
+
 UNITS: Mapping[str, tuple[str, str]] = {
     "start": ("s", "Start of the cycle"),
     "period": ("s", "Duration"),
@@ -96,8 +101,8 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
     t, u = time_s[usable], median_of_three(displacement_m[usable])
     if t.size < FEWEST_SAMPLES:
         return NO_CYCLES
-    low_m, high_m = np.quantile(u, (EXTREME_SHARE, 1.0 - EXTREME_SHARE))
-    starts_s, indices = _rising(t, u - 0.5 * (high_m + low_m), CROSSING_HYSTERESIS * 0.5 * (high_m - low_m))
+    middle_m, half_m = _middle(t, u, MIDDLE_PERIODS / frequency_Hz)
+    starts_s, indices = _rising(t, u - middle_m, CROSSING_HYSTERESIS * half_m)
     if starts_s.size < 2:
         return NO_CYCLES
     highest, lowest = np.maximum.reduceat(u, indices)[:-1], np.minimum.reduceat(u, indices)[:-1]
@@ -108,6 +113,28 @@ def cycle_bounds(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: f
     bounds_s = starts_s[full[0] : full[-1] + 2]
     spans = np.diff(bounds_s) * frequency_Hz
     return CycleBounds(bounds_s, np.where(spans > ONE_CYCLE, np.round(spans), 1.0).astype(np.int64))
+
+
+def _middle(t: FloatArray, u: FloatArray, span_s: float) -> tuple[FloatArray, float]:
+    """Middle of the motion at each sample (n,), and half its height: of the whole, or of spans where its mean drifts.
+
+    A position loop that loses its zero moves away until the limit of the stroke stops it: its last cycles no longer
+    cross the middle of the whole.
+    """
+    low, high = np.quantile(u, (EXTREME_SHARE, 1.0 - EXTREME_SHARE))
+    middle, half = np.full(t.size, 0.5 * (low + high)), 0.5 * float(high - low)
+    edges = np.searchsorted(t, np.arange(t[0], t[-1] - 0.5 * span_s, span_s))
+    if edges.size < 2:
+        return middle, half
+    filled = np.unique(edges)
+    highs, lows = np.maximum.reduceat(u, filled), np.minimum.reduceat(u, filled)
+    middles, height = 0.5 * (highs + lows), float(np.median(0.5 * (highs - lows)))
+    if np.ptp(middles) <= DRIFTED * height:
+        return middle, half
+    centres_s = 0.5 * (t[filled] + t[np.append(filled[1:], t.size) - 1])
+    ends_s = np.array([2.0 * centres_s[0] - centres_s[1], *centres_s, 2.0 * centres_s[-1] - centres_s[-2]])
+    ends = np.array([2.0 * middles[0] - middles[1], *middles, 2.0 * middles[-1] - middles[-2]])
+    return np.interp(t, ends_s, ends), height
 
 
 def _rising(t: FloatArray, x: FloatArray, band: float) -> tuple[FloatArray, IntArray]:

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.roles import ProgramPhase
 from rig.recording.alignment.alignment import Alignment, TimedChannel
 from rig.recording.journal.journal_file import JournalContent, joined
 from rig.recording.layout import CycleTable, PointFile, RawChannel
@@ -82,8 +83,10 @@ def reduced(
     units = UNITS
     program = point.repeated_program
     if program is not None:
-        in_motion = np.cumsum(bounds.cycles) - 1
-        statistics = statistics | {PROGRAM_CYCLE: program.places(in_motion, statistics["current"])}
+        places = program.places(np.cumsum(bounds.cycles) - 1, statistics["current"])
+        if seen < requested and not np.any(np.isfinite(statistics["current"])):
+            places = np.full_like(places, np.nan)  # the first cycle may be missing, and no current shows it
+        statistics = statistics | {PROGRAM_CYCLE: places}
         units = {**UNITS, **PROGRAM_UNITS}
     table = CycleTable(numbers.astype(np.int64), statistics, units)
     windows = _windows(statistics, numbers, 1 if step is None else max(1, step.keep_every), alignment, cut=not finished)
@@ -122,8 +125,9 @@ def _by_controller(alignment: Alignment, point: TestPoint) -> int:
     """Full cycles that the controller counted; 0 where it counts none.
 
     Until the programme starts the controller shows the count of the one before: only what follows its reset counts.
+    While it fades out it goes on counting: the count is read where full amplitude has ended.
     """
-    counted = alignment.timed.get("cycles_done")
+    counted, phases = alignment.timed.get("cycles_done"), alignment.timed.get("phase")
     if counted is None or point.record is not None or len(counted.records) == 0:
         return 0
     values = np.asarray(counted.records[:]["value"], np.float64)
@@ -131,6 +135,13 @@ def _by_controller(alignment: Alignment, point: TestPoint) -> int:
     if not resets.size and values[0] > 0.0:
         return 0
     done = float(values[-1])
+    if phases is not None and len(phases.records):
+        full = np.asarray(phases.records[:]["value"]) == ProgramPhase.FULL_AMPLITUDE
+        ends_s = np.asarray(phases.time_s)[1:][full[:-1] & ~full[1:]]
+        if ends_s.size:
+            after = int(np.searchsorted(np.asarray(counted.time_s), ends_s[-1]))
+            done = float(values[min(after, len(values) - 1)])
+            return min(round(point.cycles), int(max(0.0, done - point.ramp_in_cycles)))
     whole = point.ramp_in_cycles + point.cycles + point.ramp_out_cycles
     return round(point.cycles) if done >= np.floor(whole + 1e-6) else int(max(0.0, done - point.ramp_in_cycles))
 

@@ -11,6 +11,7 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from drivers.ring import Channel
+from drivers.roles import ProgramPhase
 from rig.campaign.resume import renew_endurance
 from rig.campaign_folder import CampaignFolder
 from rig.recording.conversion.conversion import finish_alone
@@ -189,6 +190,19 @@ def test_the_count_of_the_program_before_is_not_that_of_a_block_that_was_cut_off
         piece = read_piece(file)
         assert piece is not None
         assert piece.run == 5
+
+
+def test_the_cycles_of_a_fade_out_are_not_counted(tmp_path: Path) -> None:
+    """Stopped in the 13th full cycle, the controller counts on while it fades out over two cycles."""
+    done = counted(np.array([0.0, 0.0, *range(14), 13.0, 14.0, 15.0, 15.0]))
+    phases = counted(np.array([0.0, *[ProgramPhase.RAMP_IN] * 2, *[ProgramPhase.FULL_AMPLITUDE] * 13,
+                               *[ProgramPhase.RAMP_OUT] * 3, ProgramPhase.IDLE], np.float64))
+    phases["channel"] = Channel.PHASE
+    until_s = (1.0 + 5.5) / RIG.frequency_Hz
+    for number, (more, run) in enumerate(((np.concatenate((done, phases)), 12), (done, 14))):
+        piece = read_piece(block(tmp_path / f"points{number}", until_s=until_s, stopped_by="ecu-silent", more=more))
+        assert piece is not None
+        assert piece.run == run
 
 
 def test_cycles_whose_samples_are_missing_were_run_all_the_same(tmp_path: Path) -> None:

@@ -50,6 +50,15 @@ def test_every_cycle_at_full_amplitude_is_counted_and_no_ramp() -> None:
     assert bounds.start_s[0] == pytest.approx(0.2 + 1.0 / 9.37, abs=1e-3)
 
 
+def test_cycles_whose_offset_grows_until_the_stroke_stops_them_are_counted() -> None:
+    """The motion moves away by three amplitudes: of its cycles about the mean of the whole, few crossings are left."""
+    given = samples(2.0, cycles=40)
+    away_m = 3.0 * AMPLITUDE_M * np.clip((given.time_s - 3.0) / 17.5, 0.0, 1.0)
+    bounds = cycle_bounds(given.time_s, given.displacement_m + away_m, 2.0)
+    assert 38 <= bounds.run <= 40
+    assert np.diff(bounds.start_s) == pytest.approx(0.5, rel=0.02)
+
+
 @pytest.mark.parametrize(("frequency_Hz", "rate_Hz"), [(9.37, 250.0), (1.03, 250.0), (10.0, 1000.0)])
 def test_the_terms_of_the_force_are_found_cycle_by_cycle(frequency_Hz: float, rate_Hz: float) -> None:
     found = described(samples(frequency_Hz, rate_Hz), frequency_Hz, rate_Hz)
