@@ -150,7 +150,9 @@ class ControlChart:
         }  # fmt: skip
 
 
-def control_chart(values: FloatArray, baseline: int | None = None, resolution: float = 0.0) -> ControlChart:
+def control_chart(
+    values: FloatArray, baseline: int | None = None, resolution: float = 0.0, removed_beyond: float = 3.0
+) -> ControlChart:
     """Chart of individual values and moving ranges.
 
     Args:
@@ -158,6 +160,7 @@ def control_chart(values: FloatArray, baseline: int | None = None, resolution: f
         baseline: number of first values that belong to phase I; None: the first `USUAL_BASELINE`, or all of fewer.
         resolution: smallest sigma, in the values' unit: the standard uncertainty of a value by repeatability, or the
             resolution of its measurement. Smaller differences are not known.
+        removed_beyond: values of phase I that are so many sigma from the centre are not part of the limits.
 
     Raises:
         TooFewValues: phase I has fewer than `FEWEST` values.
@@ -173,7 +176,7 @@ def control_chart(values: FloatArray, baseline: int | None = None, resolution: f
     least = D2 * resolution
     centre, mean_range = _limits(values[:count], kept, least)
     for _ in range(MOST_ROUNDS):
-        beyond = kept & (np.abs(values[:count] - centre) > 3.0 * mean_range / D2)
+        beyond = kept & (np.abs(values[:count] - centre) > removed_beyond * mean_range / D2)
         if not np.any(beyond) or np.count_nonzero(~kept | beyond) > MOST_REMOVED * count:
             break
         kept &= ~beyond

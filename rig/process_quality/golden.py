@@ -55,6 +55,8 @@ UNEXPLAINED = 0.5
 """Share of a day's sum of squares that a cause must explain to be named."""
 WINDOWS = {Rule.BEYOND: 1, Rule.EIGHT: 8}
 """Rules that a day is checked by, for a step and for a slow drift, and the number of days whose mean is explained."""
+PHASE_ALARM = 0.01
+"""Probability that a phase I without a drift loses a day."""
 DAY_ALARM = 0.01
 """Largest probability of a signal on a day without drift, shared equally by all causes and both rules; measured in
 `benchmarks/quality.py`. With limits of 3 sigma for each cause and all rules it would be 8 %, because sigma is known
@@ -223,7 +225,8 @@ def golden_check(
     if influence_1_K is not None:
         table = _at_mean_temperature(used, table, count, influence_1_K)
     least = _least(used, table[:count], resolutions or {})
-    limits = [control_chart(table[:count, column], count, least[column]) for column in range(len(used))]
+    beyond = _beyond(count)
+    limits = [control_chart(table[:count, column], count, least[column], beyond) for column in range(len(used))]
     centre = np.array([one.centre for one in limits])
     sigma = np.array([one.sigma for one in limits])
     others = _sigma_of_other_days(table[:count], limits, least)
@@ -234,13 +237,21 @@ def golden_check(
         sizes = np.array([_size(day - centre, pattern, one)[0] for day, one in zip(table, weighted_by, strict=True)])
         if np.all(np.isfinite(sizes[:count])):  # on a later day, the values that show this cause may be missing
             resolution = _resolution(pattern, sigma, least)
-            charts[cause] = control_chart(sizes[:count], count, resolution).continued(sizes)
+            charts[cause] = control_chart(sizes[:count], count, resolution, beyond).continued(sizes)
     remarks += _unchecked(charts, count)
     findings = tuple(_findings(charts, patterns, used, table - centre, sigma, count))
     if missing:
         remarks.append("values not used, because they were not measured on every day of phase I: "
             f"{len(missing)}; first: {missing[0].label}")
     return GoldenCheck(tuple(used), charts, findings, days, count, missing, tuple(remarks))
+
+
+def _beyond(count: int) -> float:
+    """Sigma beyond which a day of phase I is not part of the limits: 1 % of phases without a drift lose a day.
+
+    At 3 sigma, every sixth chart of 15 days would lose one of its own values, which makes its limits 10 % too narrow.
+    """
+    return max(3.0, float(stats.t.ppf(1.0 - 0.5 * PHASE_ALARM / count, moving_range_freedom(count))))
 
 
 def _least(keys: Sequence[Key], table: FloatArray, resolutions: Mapping[Key, float]) -> FloatArray:
