@@ -55,6 +55,8 @@ LARGE, SMALL = 3, 4
 """Cards side by side."""
 HIGH_CARD, LOW_CARD, FEW_ROWS, TITLE = 52 * mm, 37 * mm, 24 * mm, 12 * mm
 """What must fit below a heading, else it begins a page."""
+ROW_HEIGHT, MOST_TOGETHER = 3.6 * mm, 30
+"""Of a line of a table; a table of so many rows at most is not broken behind its heading."""
 GAP = 2 * mm
 MARK_TOP, MARK_HEIGHT = 9 * mm, 4.6 * mm
 """Of a document's mark: its lower edge below that of the page, and its height."""
@@ -292,6 +294,9 @@ def _least(block: b.Block) -> float:
     """The height (points) that the first part of a block needs."""
     if isinstance(block, b.Cards):
         return float(HIGH_CARD if block.large else LOW_CARD)
+    if isinstance(block, (b.Table, b.Properties)):
+        rows = len(block.rows) + 1 if isinstance(block, b.Table) else -(-len(list(block.shown)) // block.across)
+        return max(float(FEW_ROWS), rows * ROW_HEIGHT) if rows <= MOST_TOGETHER else float(FEW_ROWS)
     return float(HIGH_CARD if isinstance(block, b.Figures) else FEW_ROWS)
 
 

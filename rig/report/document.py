@@ -413,7 +413,7 @@ def warnings(run: Run) -> Blocks:
                           f"{which} not valid; {counted}. The full report states the reasons."))
     if count := _count(run, "suspect") - blocks.count("suspect"):
         use = Code("rig identify --suspect")
-        stated = f"{_points(count)} suspect and excluded from the fit; to include suspect points, use "
+        stated = f"{_points(count)} suspect; see the remarks in the full report. A model fit includes them only with "
         notes.append(Note(FAIR, (stated, use, ".")))
     return notes
 

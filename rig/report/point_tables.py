@@ -24,6 +24,8 @@ from rig.report.peak_forces import peak_force_std_N
 from rig.report.views import PointView, motion_of
 
 TEMPERATURE_STEP_K = 0.1
+FEW_CYCLES = 3
+"""Up to so many, the standard uncertainty of their mean is itself uncertain by a factor of two."""
 """The ECU reports its coil's temperature in such steps."""
 CONDITION_CODES = frozenset({"temperature", "amplitude"})
 """Codes of the journal's `info` lines about temperature and amplitude compensation."""
@@ -165,6 +167,12 @@ def points_table(views: Sequence[PointView]) -> Blocks:
         "the same energy. Model error: RMS error of the test as a percentage of its force amplitude, which is the "
         "largest deviation of the force from its mean."
     )
+    few = [view.standard.cycles for view in views if view.standard is not None and view.standard.cycles <= FEW_CYCLES]
+    if few:
+        note += (
+            f" Points with only {' or '.join(map(str, sorted(set(few))))} evaluated cycles: {len(few)}; "
+            "a standard uncertainty from so few cycles can be wrong by a factor of two."
+        )
     if not all(view.point.imported for view in views):
         note += (
             " The word in brackets after a remark states whether the cause is the specimen, the bench or the test."
@@ -301,7 +309,10 @@ def time_base(views: Sequence[PointView]) -> Blocks:
         "displacement, in addition to the delays declared in the bench file; this delay is corrected. Delays "
         "checked: the controller's own record of force and position confirms or corrects the delays. Declared, not "
         "checked: the controller's record is not accurate enough for a check. Contradicted: the controller's record "
-        "disagrees with the declared delays, and the remaining delay includes the difference. Arrival delay: delay "
+        "disagrees with the declared delays, and the remaining delay includes the difference. Each row states what was "
+        "known from this point when it was aligned; all points together, as in the sentence above and in the sensor "
+        "cross-checks, determine the delays more accurately, and can confirm a delay that one point seems to "
+        "contradict. Arrival delay: delay "
         "that would remain if samples were paired by time of arrival (real time only). Intervals: 95 %."
     )
     rows = (Paragraph(note, small=True), point_table(TIME_BASE, recorded))
