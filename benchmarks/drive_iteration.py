@@ -2,6 +2,8 @@
 
     python benchmarks/drive_iteration.py             a servo of 12 Hz
     python benchmarks/drive_iteration.py --servos 20 and so many random servos
+    python benchmarks/drive_iteration.py --dead 10   and the servo of 12 Hz with a dead time of so many ms
+    python benchmarks/drive_iteration.py --stiff     and a specimen that stiffens with the current, on a soft servo
 
 Random motion of 0.5 to 15 Hz with a flat displacement spectrum, and the road `iso8608-c` up to 15 Hz, are iterated as a
 campaign does: noise identifies the response, every command is checked against the limits of the bench, and every run
@@ -40,7 +42,15 @@ from rig.recording.alignment.alignment import align
 from rig.recording.layout import PointContext
 from rig.recording.quality.tracking import run_of
 from rig.recording.ring_records import RECORD_DTYPE
-from rig.signals.drive_iteration import IterationSettings, SignalDrive, advanced, allowed_start, drive_for
+from rig.signals.drive_iteration import (
+    IterationSettings,
+    SignalDrive,
+    SignalDrives,
+    advanced,
+    allowed_start,
+    drive_for,
+    remembered_signal,
+)
 from rig.signals.following import following
 from rig.signals.record import STEP_S, Record, between_ramps
 from rig.station.signal_source import SignalOrder
@@ -61,7 +71,7 @@ stroke = "170 mm"
 prior = "demo"
 [matrix]
 waveform = ["file", "road"]
-current = ["1.5 A"]
+current = {currents}
 [matrix.file]
 file = ["random.csv"]
 [matrix.road]
@@ -75,7 +85,12 @@ tolerance = "2 %"
 
 
 class FollowingRig(RecordedRig):
-    """The recorded rig with a controller that follows set-points."""
+    """The recorded rig with a controller that follows set-points.
+
+    `dead_s`: time by which every set-point reaches the servo late.
+    """
+
+    dead_s: float = 0.0
 
     def run_signal(self, point: TestPoint) -> tuple[np.ndarray, Truth, float]:
         """Play a signal; returns the ring's records, the truth, and the controller time (s) at which it began."""
@@ -93,10 +108,11 @@ class FollowingRig(RecordedRig):
             raise ValueError("a signal is required")
         order, begin_s, number = SignalOrder.from_json(signal_order(point, record)), self.plant.time_s, 0
         before = (point.centre_m, 0.0, begin_s)
-        while (elapsed_s := self.plant.time_s - begin_s) < order.duration_s:
+        while (elapsed_s := self.plant.time_s - begin_s) < order.duration_s + self.dead_s:
             number += 1
-            now = order.at(elapsed_s)
-            ahead = order.at(min(order.duration_s, elapsed_s + POLL_S))
+            late_s = max(0.0, min(order.duration_s, elapsed_s - self.dead_s))
+            now = order.at(late_s)
+            ahead = order.at(min(order.duration_s, late_s + POLL_S))
             speed_m_s, told_s = (ahead.position_m - now.position_m) / POLL_S, self.plant.time_s
             told_s += self.random.exponential(self.wake_up_s)
             self.plant.order(
@@ -105,7 +121,7 @@ class FollowingRig(RecordedRig):
                 follow_s=FOLLOW_S,
             )
             before = (now.position_m, speed_m_s, told_s)
-            records += self._sent(order, elapsed_s, number)
+            records += self._sent(order, min(order.duration_s, elapsed_s), number)
             self._slice(self._poll_steps, records, truth)
         self.plant.order(mode=MODE_HOLD)
         self._advance(0.3, records, truth)
@@ -152,9 +168,10 @@ def true_errors(target: Record, truth: Truth, begin_s: float) -> tuple[float, fl
 
 
 def iterated(
-    servo: str, rig: FollowingRig, point: TestPoint, matrix: Matrix, bench: Bench, settings: IterationSettings
+    servo: str, rig: FollowingRig, point: TestPoint, matrix: Matrix, bench: Bench, settings: IterationSettings,
+    known: SignalDrives,
 ) -> Result:
-    """Iterate one signal as a campaign does, then run it once more, as the recorded point.
+    """Iterate one signal as a campaign does that knows some drives, then run it once more, as the recorded point.
 
     Raises:
         ValueError: the point is not a signal, or its rod was not recorded.
@@ -163,7 +180,7 @@ def iterated(
     if target is None:
         raise ValueError(point.id)
     limits = SignalLimits(point, matrix, bench, forecaster(matrix.specimen))
-    drive = allowed_start(drive_for(target, point.current_A, (), settings), target, limits)
+    drive = allowed_start(drive_for(target, point.current_A, known, settings), target, limits)
     without = (math.nan, math.nan)
     while not drive.settled:
         program = commanded_signal(point, drive)
@@ -193,12 +210,20 @@ def random_file(path: Path) -> None:
     path.write_text("\n".join(("time_s,displacement_mm", *rows)) + "\n", encoding="utf-8")
 
 
-def servos(count: int) -> Iterator[tuple[str, RigOptions, int]]:
+STIFF = {"Ka": 10e3, "Kb": 40e3}
+"""Stiffness at 0 A (N/m) and per ampere (N/(m A)) of a specimen."""
+
+
+def servos(count: int, *, stiff: bool) -> Iterator[tuple[str, RigOptions, int]]:
     """The servo of 12 Hz, and random ones: bandwidth 8 to 25 Hz, damping 0.5 to 1, stiffness 2 to 50 kN/mm."""
     options = RigOptions()
     sensors = {"load_cell": replace(options.load_cell, rate_Hz=RATE_Hz), "lvdt": replace(options.lvdt, rate_Hz=RATE_Hz)}
     options = replace(options, **sensors)
     yield "12 Hz", replace(options, servo=replace(options.servo, bandwidth_Hz=12.0)), 0
+    if stiff:
+        soft = replace(options.servo, bandwidth_Hz=12.0, stiffness_N_m=1e6)
+        damper = replace(options.damper, model="asymmetric", values=STIFF)
+        yield "12 Hz, 1 kN/mm, stiff specimen", replace(options, servo=soft, damper=damper), -1
     for seed in range(1, count + 1):
         random = np.random.default_rng((seed, 41))
         bandwidth_Hz, damping = math.exp(random.uniform(math.log(8.0), math.log(25.0))), random.uniform(0.5, 1.0)
@@ -212,10 +237,13 @@ def main() -> int:
     """Print the table; 1 when an error of the servo of 12 Hz exceeds the goal, or a converged one exceeds it."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--servos", type=int, default=0)
+    arguments.add_argument("--dead", type=float, default=0.0, help="dead time of the servo, ms")
+    arguments.add_argument("--stiff", action="store_true", help="a specimen whose stiffness grows with the current")
     arguments.add_argument("--folder", type=Path, default=Path("/tmp"))
     given = arguments.parse_args()
     random_file(given.folder / "random.csv")
-    (given.folder / "matrix.toml").write_text(MATRIX, encoding="utf-8")
+    currents = '["0 A", "1.5 A", "3 A"]' if given.stiff else '["1.5 A"]'
+    (given.folder / "matrix.toml").write_text(MATRIX.format(currents=currents), encoding="utf-8")
     matrices, bench = [load_matrix(path) for path in (given.folder / "matrix.toml", FORCE_MATRIX)], Bench.load(BENCH)
     bench = bench.model_copy(update={
         "actuator": replace(bench.actuator, poll_s=POLL_S), "lvdt": replace(bench.lvdt, rate_Hz=RATE_Hz),
@@ -225,12 +253,15 @@ def main() -> int:
     print("| servo | signal | without | raw | iterations | final | raw | outcome |")
     print("|---|---|---|---|---|---|---|---|")
     bad = 0
-    for servo, options, seed in servos(given.servos):
-        rig = FollowingRig(options, seed=seed, poll_s=POLL_S)
+    for servo, options, seed in servos(given.servos, stiff=given.stiff):
+        rig = FollowingRig(options, seed=abs(seed), poll_s=POLL_S)
+        rig.dead_s = 1e-3 * given.dead
+        known: SignalDrives = ()
         for matrix, point in ((one, point) for one in matrices for point in one.points()):
             settings = matrix.sweep.iteration or IterationSettings()
-            result = iterated(servo, rig, point, matrix, bench, settings)
+            result = iterated(servo, rig, point, matrix, bench, settings, known)
             drive = result.drive
+            known = remembered_signal(known, drive) if given.stiff else ()
             numbers = [f"{100.0 * error:.2f} %" for error in (*result.without, *result.final)]
             count = 0 if drive.best is None else drive.best.number
             print(f"| {servo} | {point.motion} | {numbers[0]} | {numbers[1]} | {count} | {numbers[2]} | {numbers[3]} | "
