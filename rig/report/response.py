@@ -168,8 +168,8 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
     behind = test["behind_current"]
     if behind is not None and behind["value_s"] < -LEADS * behind["std_s"]:
         yield (
-            "The force leads the measured coil current: the measured current is filtered or delayed. Fix: state this as "
-            "current_delay in [ecu] of the bench file"
+            "The force leads the measured coil current: the measured current is filtered or delayed. Fix: state this "
+            "as current_delay in [ecu] of the bench file"
         )
     if force["repeats_scatter"]:
         yield "The scatter between repeats exceeds the noise"
