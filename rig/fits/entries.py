@@ -576,17 +576,34 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Band:
-    """Within how much of the modelled force 95 % of the measured samples lay.
+    """How far measured forces are from predicted ones: within the tested range, 95 % of the samples of a new motion.
 
     Attributes:
         current_A: currents (A), rising.
         half_width_N: half width at each (N); NaN where it is not known.
         source: which tests it comes from.
+        left_out: number of tests that were predicted by a fit to others, within whose range they lie. 0, as in files of
+            earlier versions: the half width describes the residuals of fitted tests and is no prediction error.
+        motions: number of different motions among those.
     """
 
     current_A: tuple[float, ...]
     half_width_N: tuple[float, ...]
     source: str
+    left_out: int = 0
+    motions: int = 0
+
+    @property
+    def of_predictions(self) -> bool:
+        """Whether the half width is a prediction error, and not only the size of the residuals."""
+        return self.left_out > 0
+
+    def describe(self) -> str:
+        """What a prediction error means and where it comes from, in one sentence."""
+        return (
+            f"95 % prediction error within the tested range, from {self.left_out} tests of {self.motions} motions "
+            f"that were predicted by fits to other tests ({self.source})"
+        )
 
     def at(self, current_A: FloatArray) -> FloatArray:
         """Half width (N) at currents (A), shape (n,); as at the nearest tested current beyond them."""
@@ -598,7 +615,7 @@ class TestedRange(Covered):
     """What the fitted tests covered, and how far measured forces were from modelled ones there.
 
     Attributes:
-        band: within how much of the modelled force 95 % of the measured samples lay.
+        band: the error of a prediction there.
     """
 
     __test__ = False  # pytest takes classes called Test for its own

@@ -12,7 +12,7 @@ from rig.document.html import fragment
 from rig.document.numbers import NOTHING, number
 from rig.document.terminal import lines
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity
-from rig.fits.entries import ErrorSummary, TestedRange
+from rig.fits.entries import Band, ErrorSummary, TestedRange
 from rig.fits.fit_record import FitRecord
 from rig.fits.parameters import WIDTH, parameter_table
 
@@ -62,6 +62,7 @@ def _blocks(fit: FitRecord) -> Blocks:
         replace(parameter_table(shown), title="Parameters"),
         *([Paragraph(f"{hidden} more parameters: fit.params")] if hidden else []),
         *([Paragraph(f"Tested: {_tested(fit.tested)}")] if fit.tested is not None else []),
+        *([Paragraph(_prediction_error(fit.tested.band))] if fit.tested is not None else []),
         *_undetermined(fit),
         *_remarks("Probable cause of the misfit", causes, "fit.diagnosis"),
         *_remarks("Observation", observations, "fit.diagnosis"),
@@ -85,6 +86,15 @@ def _tested(tested: TestedRange) -> str:
             ranges.append(f"{quantity} {ends_in_words(ends)} {UNITS[suffix]}")
     levels = ", ".join(f"{current_A:.3g}" for current_A in tested.only_at_A)
     return ", ".join(ranges) + f"; only near the currents {levels} A" * bool(levels)
+
+
+def _prediction_error(band: Band) -> str:
+    """The prediction error at the ends of the tested currents."""
+    if not band.of_predictions:
+        return "Prediction error: unknown"
+    known = sorted({0, len(band.current_A) - 1})
+    ends = " to ".join(f"{number(band.half_width_N[at], 3)} N at {number(band.current_A[at], 3)} A" for at in known)
+    return f"Prediction error within the tested range (95 %): {ends}"
 
 
 def _measures(error: ErrorSummary) -> str:

@@ -2,22 +2,62 @@
 
 A pair is one amplitude and frequency at all currents. The model is fitted to the other pairs and scored, in free run,
 on all samples of the one left out: the split and the score of the benchmark on open recordings (`rig.study`).
+`folds_of` are quick fits of the same kind, which rank models and give the size of prediction errors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
+from rig.dampers.covered import Covered
+from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.fits.entries import ErrorSummary, Unseen, UnseenPair, UnseenTest
-from rig.identification.models.measurement import Measurement, set_of
+from rig.identification.models.coverage import covered_by
+from rig.identification.models.measurement import Measurement, all_but, first_cycle, set_of, spaced
+from rig.identification.models.solving import Method, solve_folds
 from rig.signals.test_set import MotionReading, motion_groups
 from rig.signals.waveform import WAVEFORMS
 
 PAIRS = "pairs"
 LEFT_OUT = "leave-one-pair-out"
+SAMPLES = 250  # of a cycle in quick fits to the other groups
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A fit to all tests but one group.
+
+    Attributes:
+        values: its parameters (SI).
+        left_out: the tests of the group.
+        covered: what the other tests covered.
+    """
+
+    values: Mapping[str, float]
+    left_out: tuple[Measurement, ...]
+    covered: Covered
+
+
+def folds_of(
+    model: DamperModel, tests: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
+) -> Iterator[Fold]:
+    """Quick fits to all tests but those of one motion (of one current if all have one motion); none with one group.
+
+    One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
+    can make use of a start: for comparing models and for the size of prediction errors, nothing else.
+
+    Raises:
+        IdentificationFailed: the model cannot be fitted to the remaining tests.
+    """
+    some = [spaced(first_cycle(test), SAMPLES) for test in tests]
+    groups = set_of(some).groups
+    if len(groups) < 2:
+        return
+    for group, values in zip(groups, solve_folds(model, some, groups, method, near), strict=True):
+        yield Fold(values, tuple(some[number] for number in group), covered_by(all_but(some, group)))
 
 
 def pairs_of(tests: Sequence[Measurement]) -> list[tuple[MotionReading, list[int]]]:

@@ -40,6 +40,7 @@ from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.prediction_error import error_band, held_out_tests, left_out_tests
 from rig.identification.uncertainty.scoring import misfits, rmse_N, with_extrapolations
 from rig.jobs.time_left import TimeLeft
 from rig.jobs.workers import HERE, Job
@@ -256,11 +257,15 @@ def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], 
 def _with_tested_range(state: FitState) -> FitState:
     """The fit with what its tests covered, a cycle of each of them, and which held-out ones lie beyond."""
     fit, (fitted, held_out) = state.so_far, state.described or (state.fitted, state.held_out)
-    unseen = next((one.within_nrmse_percent_of_peak for one in fit.selection if one.model == fit.model), None)
-    seen = fit.error.nrmse_percent_of_peak
-    widened = 1.0 if unseen is None or not (math.isfinite(unseen) and seen > 0.0) else unseen / seen
-    temperature_degC = state.known.temperature_degC or recorded_degC(fitted)
-    tested = tested_range(fit.behind_spring.law, fitted, held_out, temperature_degC, widened)
+    law, temperature_degC = fit.behind_spring.law, state.known.temperature_degC or recorded_degC(fitted)
+    tested = tested_range(law, fitted, temperature_degC)
+    left_out = [] if state.chosen is None else left_out_tests(state.chosen, state.fitted, fit.weight)
+    validating = held_out_tests(law, held_out, tested, len(left_out))
+    sources = ["cross-validation"] * bool(left_out) + ["validation tests"] * bool(validating)
+    band = error_band(
+        law, fitted, [*left_out, *validating], " and ".join(sources), to_the_noise=fit.adequate is True
+    )
+    tested = replace(tested, band=band)
     cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
     outside = [beyond(tested, test) for test in held_out]
     holdout = None if fit.holdout is None else with_extrapolations(fit.holdout, outside)

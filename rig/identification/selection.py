@@ -14,21 +14,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.covered import in_words
+from rig.dampers.covered import Covered, in_words
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import ModelScore, mean_within
+from rig.identification.cross_validation import folds_of
 from rig.identification.models.coverage import beyond, covered_by
-from rig.identification.models.measurement import Measurement, all_but, first_cycle, set_of, spaced, spanning
+from rig.identification.models.measurement import Measurement, set_of, spanning
 from rig.identification.models.separable import SCREENED, SearchAbandoned, SearchState, motion_scale
-from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, solve_folds, splits
+from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, splits
 from rig.identification.models.undetermined import examine
 from rig.identification.remarks import Remark, say, some
 from rig.identification.uncertainty.scoring import misfits, rmse_N
 from rig.jobs.time_left import TimeLeft
 from rig.jobs.workers import HERE, Job, Workers
 
-RANKING_SAMPLES = 250  # samples of a cycle that rank models
 RELATIVE = "relative"
 MISFIT = 3.0  # times the tests' scatter: what the best model leaves is then misfit for nine tenths of its power
 TO_THE_NOISE = 1.2  # times the tests' scatter: what a model may leave that describes them
@@ -235,7 +235,7 @@ def _score(
     model, values = candidate.model, candidate.solution.values
     misfit = misfits(model, values, fitted)
     if held_out:
-        unseen = _predicted(model, values, held_out, fitted)
+        unseen = _predicted(model, values, held_out, covered_by(fitted))
     else:
         unseen = [] if alone else cross_validated(model, fitted, method, values)
     errors = [(test.nrmse_percent_of_peak, test.beyond) for test in unseen]
@@ -264,10 +264,9 @@ class _Predicted:
 
 
 def _predicted(
-    model: DamperModel, values: Mapping[str, float], unseen: Sequence[Measurement], fitted: Sequence[Measurement]
+    model: DamperModel, values: Mapping[str, float], unseen: Sequence[Measurement], covered: Covered
 ) -> list[_Predicted]:
     """Errors on tests of a fit that has not seen them."""
-    covered = covered_by(fitted)
     return [
         _Predicted(test.id, one.nrmse_percent_of_peak, beyond(covered, test))
         for test, one in zip(unseen, misfits(model, values, unseen), strict=True)
@@ -277,20 +276,9 @@ def _predicted(
 def cross_validated(
     model: DamperModel, measurements: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
 ) -> list[_Predicted]:
-    """Errors of groups of tests, each predicted from the others, beyond whose data it may lie; none with one group.
-
-    One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
-    can make use of a start: this ranks models, nothing else.
-    """
-    measurements = [spaced(first_cycle(test), RANKING_SAMPLES) for test in measurements]
-    groups = set_of(measurements).groups
-    if len(groups) < 2:
-        return []
-    errors: list[_Predicted] = []
-    for group, values in zip(groups, solve_folds(model, measurements, groups, method, near), strict=True):
-        unseen = [measurements[number] for number in group]
-        errors += _predicted(model, values, unseen, all_but(measurements, group))
-    return errors
+    """Errors of groups of tests, each predicted from the others, beyond whose data it may lie (see `folds_of`)."""
+    folds = folds_of(model, measurements, method, near)
+    return [error for fold in folds for error in _predicted(model, fold.values, fold.left_out, fold.covered)]
 
 
 def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:

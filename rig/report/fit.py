@@ -132,7 +132,24 @@ def _equation(fit: FitRecord, display: Display) -> Blocks:
     if not rows:
         return stated
     note = "The tests support the model only within these ranges; outside the ranges, the force is extrapolated."
-    return [*stated, table(["Valid for", "from", "to", "Unit"], rows, (1, 2)), Paragraph(note, small=True)]
+    return [
+        *stated, table(["Valid for", "from", "to", "Unit"], rows, (1, 2)), Paragraph(note, small=True),
+        *_prediction_error(fit, display),
+    ]  # fmt: skip
+
+
+def _prediction_error(fit: FitRecord, display: Display) -> Blocks:
+    """How far predictions within the tested range are off, for each current."""
+    if fit.tested is None or not fit.tested.band.of_predictions:
+        text = "Prediction error: unknown; no test lies within the range of tests of other motions."
+        return [Paragraph(text, small=True)]
+    band = fit.tested.band
+    rows = [
+        [number(round(current_A, 3) + 0.0, 4), _force(width_N, display.force)]
+        for current_A, width_N in zip(band.current_A, band.half_width_N, strict=True)
+    ]  # fmt: skip
+    head: list[Head] = [Column("Current", "A", True), Column("Prediction error", display.force.unit, True)]
+    return [table(head, rows, (0, 1)), Paragraph(f"Prediction error: {band.describe()}.", small=True)]
 
 
 def quality(fit: FitRecord, display: Display = SI) -> Blocks:

@@ -87,8 +87,9 @@ def inverse(
     columns = {"current_A": answer[:, 0], "force_N": answer[:, 1]}
     frame = with_band(columns, used, tested)
     half_A = np.minimum(current_band_A(tested, answer, dt_s), grid[-1] - grid[0])
-    frame.insert(1, "low_A", np.clip(answer[:, 0] - half_A, grid[0], grid[-1]))
-    frame.insert(2, "high_A", np.clip(answer[:, 0] + half_A, grid[0], grid[-1]))
+    unknown = np.where(frame["extrapolates"], math.nan, 0.0)
+    frame.insert(1, "low_A", np.clip(answer[:, 0] - half_A, grid[0], grid[-1]) + unknown)
+    frame.insert(2, "high_A", np.clip(answer[:, 0] + half_A, grid[0], grid[-1]) + unknown)
     frame["attainable"] = answer[:, 3] > 0.0
     frame["least_N"], frame["most_N"], frame["gain_N_A"] = answer[:, 4], answer[:, 5], answer[:, 2]
     frame["resolvable"] = half_A <= RESOLVED * (grid[-1] - grid[0])

@@ -1,8 +1,8 @@
 """Force from motion and current: of a measured table, or of a motion with the coil's lag and the model's states.
 
-Columns of every result: `force_N`, `low_N` and `high_N` (95 % of measured samples lay so near to the model),
-`extrapolates` (whether this row lies beyond what the tests covered) and `beyond` (in which quantities).
-`attrs["extrapolation"]` says it in one sentence.
+Columns of every result: `force_N`, `low_N` and `high_N` (95 % of the samples of a new motion lie there; NaN beyond
+what the tests covered, and where no prediction error is known), `extrapolates` (whether this row lies beyond what the
+tests covered) and `beyond` (in which quantities). `attrs["extrapolation"]` and `attrs["band"]` say it in one sentence.
 """
 
 from __future__ import annotations
@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from rig.identification.application.motion_table import Table
+
+NO_BAND = (
+    "no band: the fit contains no prediction error, because an earlier version made it, or because no test lies within "
+    "the range of tests of other motions. Fix: identify the run again, with tests of two or more motions"
+)
 
 
 def predict(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: float) -> pd.DataFrame:
@@ -127,11 +132,14 @@ def with_band(columns: dict[str, FloatArray], motion: Motion, tested: TestedRang
         frame["low_N"] = frame["high_N"] = math.nan
         frame["extrapolates"], frame["beyond"] = True, UNKNOWN
         frame.attrs["extrapolation"] = "the fit does not contain the tested range. Fix: identify the run again"
+        frame.attrs["band"] = NO_BAND
         return frame
-    half_N = tested.band.at(motion.current_A)
-    frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N
     flagged = beyond_tested(tested, motion)
-    frame["extrapolates"], frame["beyond"] = _flags(flagged, len(frame))
+    outside, names = _flags(flagged, len(frame))
+    half_N = np.where(outside | (not tested.band.of_predictions), math.nan, tested.band.at(motion.current_A))
+    frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N
+    frame["extrapolates"], frame["beyond"] = outside, names
+    frame.attrs["band"] = tested.band.describe() if tested.band.of_predictions else NO_BAND
     frame.attrs["extrapolation"] = _beyond_text(flagged, len(frame), tested)
     return frame
 

@@ -179,12 +179,13 @@ class Fit(FitRecord):
             acceleration_m_s2: acceleration (m/s^2), shape (n,) or one number.
             temperature_degC: temperature (degC), shape (n,) or one number.
             mid_stroke_m: displacement (m) at the damper's mid-stroke; None: 0, or of a recorded point its own.
-            band: add what the parameters' uncertainty does to the force, by the fit's bootstrap, or without one by
-                their covariance: `model_low_N`, `model_high_N` (95 %), and `low_N`, `high_N` widened by it.
+            band: add what the parameters' uncertainty alone does to the force, by the fit's bootstrap, or without one
+                by their covariance: `model_low_N`, `model_high_N` (95 %).
 
         Returns:
-            `force_N` (N), `low_N`, `high_N` (95 % of the tests' samples lay so near), `extrapolates` and `beyond` (in
-            which quantities a row lies beyond the fitted tests), with the table's index.
+            `force_N` (N), `low_N`, `high_N` (95 % of the samples of a new motion within the tested range lie between;
+            NaN beyond it, or where no prediction error is known), `extrapolates` and `beyond` (in which quantities a
+            row lies beyond the fitted tests), with the table's index. `attrs["band"]`: where the band comes from.
 
         Raises:
             FileProblem: the table cannot be used; everything that is wrong with it.

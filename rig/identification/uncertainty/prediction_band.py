@@ -1,4 +1,4 @@
-"""The band that the uncertainty of the parameters gives a prediction.
+"""The band that the uncertainty of the parameters alone gives a prediction; `prediction_error` has the whole error.
 
 Draws come from tests drawn again (`drawn`), which know of misfit; without them from the parameters' covariance, which
 knows of the tests' noise and what repeats in it.
@@ -30,9 +30,10 @@ def predict_with_band(
     draws: FloatArray,
     widening: float,
 ) -> pd.DataFrame:
-    """A fit's prediction, its band widened in squares by what the draws (k, p) of the parameters disagree about.
+    """A fit's prediction with what the draws (k, p) of the parameters disagree about.
 
-    `model_low_N` and `model_high_N` are the model's own force within 95 % of the draws.
+    `model_low_N` and `model_high_N` are the model's own force within 95 % of the draws. The prediction error of
+    `low_N` and `high_N` is not widened: it is that of fits to some of the tests, whose parameters were as uncertain.
 
     Args:
         predicted: the prediction with some of the parameters' values (SI) in place of the fitted ones.
@@ -50,9 +51,7 @@ def predict_with_band(
     ])  # fmt: skip
     low, middle, high = np.quantile(forces, [TAIL, 0.5, 1.0 - TAIL], axis=0)
     force_N = result["force_N"].to_numpy()
-    below, above = (force_N - result["low_N"].to_numpy(), result["high_N"].to_numpy() - force_N)
     less, more = widening * (middle - low), widening * (high - middle)
-    result["low_N"], result["high_N"] = force_N - np.hypot(below, less), force_N + np.hypot(above, more)
     result["model_low_N"], result["model_high_N"] = force_N - less, force_N + more
     return result
 

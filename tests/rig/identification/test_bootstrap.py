@@ -90,9 +90,10 @@ def test_a_prediction_knows_what_the_draws_disagree_about(make_synthetic: Make) 
     table = {"displacement_m": 0.0, "velocity_m_s": [0.1, 3.0], "current_A": 1.0}
     plain, wide = fit.predict(table), drawn.predict(table)
     assert np.allclose(wide["force_N"], plain["force_N"])
-    width = (wide["high_N"] - wide["low_N"]) / (plain["high_N"] - plain["low_N"])
-    assert 1.0 < width.iloc[0] < 1.1  # inside the tests the noise decides
-    assert width.iloc[1] > width.iloc[0] + 0.02  # five times beyond their speed the values do
+    assert wide["low_N"].equals(plain["low_N"])
+    width_N = wide["model_high_N"] - wide["model_low_N"]
+    assert width_N.iloc[0] < 0.5 * (plain["high_N"] - plain["low_N"]).iloc[0]  # inside the tests the noise decides
+    assert width_N.iloc[1] > 2.0 * width_N.iloc[0]  # five times beyond their speed the values do
     assert list(wide["extrapolates"]) == [False, True]
 
 

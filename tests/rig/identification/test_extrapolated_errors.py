@@ -94,6 +94,9 @@ def test_the_band_is_not_widened_by_errors_of_extrapolation(two_currents: Fit) -
     assert two_currents.tested is not None
     assert two_currents.tested.band.source == "fitted tests"
     assert max(two_currents.tested.band.half_width_N) < 60.0  # 5 N of noise, on forces of 700 N
+    predicted = two_currents.predict({"displacement_m": 0.0, "velocity_m_s": 0.05, "current_A": 1.0})
+    assert not two_currents.tested.band.of_predictions
+    assert predicted[["low_N", "high_N"]].isna().all(axis=None)
 
 
 def test_the_ranking_survives_the_file(two_currents: Fit, tmp_path: Path) -> None:
@@ -128,7 +131,8 @@ def test_a_held_out_test_says_in_what_it_lies_beyond_the_fitted_ones(make_synthe
     assert "all outside the fitted data (extrapolated)" in shown(alone)
     assert fit.tested is not None
     assert alone.tested is not None
-    assert (fit.tested.band.source, alone.tested.band.source) == ("validation tests", "fitted tests")
+    both = "cross-validation and validation tests"
+    assert (fit.tested.band.source, alone.tested.band.source) == (both, "cross-validation")
     assert max(fit.tested.band.half_width_N) < 15.0  # 5 N of noise
 
 
