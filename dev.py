@@ -138,7 +138,8 @@ def pip(*packages: str) -> int:
             elapsed_s, begins = time.monotonic() - started, line.startswith("Installing collected packages")
             installs |= begins
             if begins or elapsed_s - shown_s >= (0.2 if sys.stdout.isatty() else 15.0):
-                progress(f"{'installing' if installs else 'found'} {collected} packages, {elapsed_s:.0f} s")
+                doing = f"installing {collected}" if installs else f"resolving dependencies: {collected}"
+                progress(f"{doing} packages, {elapsed_s:.0f} s")
                 shown_s = elapsed_s
     code = running.returncode
     elapsed_s = time.monotonic() - started
@@ -188,10 +189,10 @@ def imports_from(site: Path) -> str:
 
 
 def release(arguments: list[str]) -> int:
-    """Build the sdist, from it the wheel, and try the wheel in an empty environment; both are put into dist/.
+    """Build the sdist, from it the wheel, and try both in an empty environment; both are put into dist/.
 
     The wheel is tried as its user would: installed with its dependencies, it plans, runs and reports a campaign on the
-    simulated rig in an empty folder.
+    simulated rig in an empty folder. The sdist is then installed in its place, and identifies the same run.
     """
     out = Path(arguments[1]).resolve() if arguments[:1] == ["--out"] and len(arguments) == 2 else ROOT / "dist"
     if arguments and out == ROOT / "dist":
@@ -216,6 +217,10 @@ def release(arguments: list[str]) -> int:
             (rig, "--version"),
             (rig, "demo"),
             (rig, "report", "last"),
+            (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile", "--no-deps",
+             "--force-reinstall", str(sdist)),
+            (python, "-P", "-c", imports_from(site)),
+            (rig, "identify", "last", "--model", "asymmetric"),
         )
         for step in steps:
             if code := run(*step, cwd=empty):

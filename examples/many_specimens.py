@@ -1,6 +1,6 @@
 """Make runs of simulated dampers without a rig, and evaluate them by `rig quality`: production, golden damper, gauge.
 
-    .venv/bin/python examples/many_specimens.py FOLDER
+    python examples/many_specimens.py FOLDER
 
 FOLDER/production  50 specimens, one run each; 3 of them have another force (SP-023, SP-037, SP-044)
 FOLDER/golden      30 days of the golden damper GOLD-1; from day 26, the load cell reads 2 % high

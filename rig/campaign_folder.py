@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import overload
 
 from protocols.near_miss import near_names
-from rig.errors import FileProblem
+from rig.errors import FileProblem, some
 
 LOGS = Path("logs")
 """Folder in which runs are created by default, and in which short names of runs are searched."""
@@ -114,7 +114,7 @@ class CampaignFolder:
             return here
         inside = [folder for folder in map(cls, sorted(path.iterdir())) if folder.points.is_dir()]
         if len(inside) > 1:
-            names = ", ".join(folder.path.name for folder in inside[:3]) + (" ..." if len(inside) > 3 else "")
+            names = some([folder.path.name for folder in inside])
             text = f"{len(inside)} campaigns found in this folder ({names}). Fix: specify one of them"
             raise FileProblem(str(path), [text])
         return inside[0] if inside else here

@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.campaign.results import (
-    INVALID,
     NOT_RUN,
-    RANKS,
-    VALID,
     CampaignFinding,
     CampaignResult,
     PointResult,
@@ -25,6 +22,7 @@ from rig.recording.quality.instrument_checks import ZERO_RETURN
 from rig.recording.quality.verdict import suspect
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import TestPoint
+from rig.verdicts import INVALID, VALID, rank
 
 
 @dataclass
@@ -170,7 +168,7 @@ class PointResults:
 def _counts(known: PointResult, result: PointResult) -> PointResult:
     """Which of two attempts counts; the reasons of one that has no file to tell them stand behind the other's."""
     if result.verdict != known.verdict:
-        return max(known, result, key=lambda attempt: RANKS.index(attempt.verdict))
+        return max(known, result, key=lambda attempt: rank(attempt.verdict))
     if known.file is None or result.file is not None:
         return result
     return replace(known, reasons=tuple(dict.fromkeys((*known.reasons, *result.reasons))))

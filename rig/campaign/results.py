@@ -21,10 +21,6 @@ from rig.text_file import FirstRead
 
 WARMING_UP = "warming up"
 NOT_RUN = "not run"
-INVALID = "invalid"
-VALID = "valid"
-RANKS = (INVALID, "suspect", VALID)
-"""Verdicts, worst first: of a point's attempts the best verdict counts, then the latest."""
 
 
 class RigState(StrEnum):

@@ -18,7 +18,7 @@ from rig.campaign.confirmation import EarlierStop
 from rig.campaign.endurance import EnduranceBook
 from rig.campaign.file_copies import kept_hashes
 from rig.campaign.point_results import PointResults
-from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
+from rig.campaign.results import CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
 from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, Refused
@@ -31,6 +31,7 @@ from rig.recording.point_files import FILE, OLD_FILE, names_in
 from rig.recording.quality.point_quality import LoopQuality, PointQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import ENDURANCE, TestPoint
+from rig.verdicts import INVALID, rank
 
 SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
@@ -213,7 +214,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         try:
             attempt = int(recorded.provenance.get("attempt", 1))
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
-            rank = SET_ASIDE if aside else RANKS.index(recorded.verdict), not recorded.kept_apart, attempt
+            place_of = SET_ASIDE if aside else rank(recorded.verdict), not recorded.kept_apart, attempt
         except (TypeError, ValueError) as error:
             problems.append(f"{place.name}/{file.name}: the entry does not have the format of campaign files: {error}")
             continue
@@ -222,10 +223,10 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             problems += [f"{place.name}/{file.name}: {problem}; the point is repeated" for problem in damaged]
             continue
         temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
-        if name not in best or rank >= best[name][0]:
-            best[name] = rank, recorded
+        if name not in best or place_of >= best[name][0]:
+            best[name] = place_of, recorded
     points = tuple(points)
-    kept = {name: recorded for name, ((verdict, *_), recorded) in best.items() if verdict > RANKS.index(INVALID)}
+    kept = {name: recorded for name, ((verdict, *_), recorded) in best.items() if verdict > rank(INVALID)}
     return Stock(
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),

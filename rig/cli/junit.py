@@ -24,6 +24,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, RigError
 from rig.recording.atomic_write import write_durably
 from rig.recording.tested_specimens import SpecimenVerdict
+from rig.verdicts import VALID
 
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, Display, PointResult
@@ -242,7 +243,7 @@ def point_case(point: PointResult, time_s: float, result: CampaignResult | None 
         result: of the campaign, once it has ended: the point that was stopped is an error with the cause of the stop.
     """
     # both load numpy: not needed for the help
-    from rig.campaign.results import NOT_RUN, VALID
+    from rig.campaign.results import NOT_RUN
     from rig.cli.words import error_words
 
     name = _point_name(point.point)

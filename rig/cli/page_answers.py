@@ -5,7 +5,7 @@ One JSON object on standard input, one on standard output:
     {"do": "plan", "matrix": PATH, "bench": PATH}    {"planned", "feasible", "serial_number", "devices", "line",
                                                       "blocks"}
     {"do": "questions", "run": PATH}                 {"stops", "requalify", "left_out"}
-    {"do": "report", "run": PATH}                    {"report"}
+    {"do": "report", "run": PATH, "pdf": BOOL}       {"report", "pdf"}; pdf: its PDF is written, too
 
 What is refused is answered by `refused` (a code) and `text`, in the words of the command. The page's own process
 stays small, and no file that a plan is made of can harm it.
@@ -25,6 +25,7 @@ from rig.campaign.machine_resources import devices_of
 from rig.campaign.resume import left_out
 from rig.campaign.setup import described, plan_digest
 from rig.campaign.stop_cause import OPERATOR
+from rig.cli.output import write_pdf
 from rig.cli.plan import planned
 from rig.cli.tables import plan_blocks, verdict_blocks
 from rig.document.blocks import Block, Note, Paragraph, Table
@@ -84,15 +85,16 @@ def questions_answer(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def report_answer(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Write a run's report.
+    """Write a run's report, and its PDF if it is requested.
 
     Raises:
         RigError: as `rig report`.
     """
     # loads numba: a plan has no use for it
-    from rig.report import write_report
+    from rig.report.document import written_report
 
-    return {"report": write_report(Path(request["run"])).name}
+    report, document = written_report(Path(request["run"]))
+    return {"report": report.name, "pdf": write_pdf(document, report).name if request.get("pdf") else None}
 
 
 def verdict_first(plan: Plan) -> list[Block]:

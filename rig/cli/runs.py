@@ -17,7 +17,8 @@ from rig.document.blocks import Column, Paragraph, table
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.point_files import unfinished
 from rig.recording.tested_specimens import NO_BANDS, SpecimenVerdict
-from rig.results.run_index import VERDICTS, RunFilter, listed
+from rig.results.run_index import RunFilter, listed
+from rig.verdicts import VERDICTS, worst
 
 WIDE = 110
 """Columns from which specimen and date, which are part of most names, have columns of their own."""
@@ -136,7 +137,7 @@ def _summary(place: Path) -> dict[str, Any]:
         verdicts = [point.verdict for point in run.judged]
         summary |= {"points": len(verdicts), "valid": verdicts.count("valid")}
         summary |= dict.fromkeys(("out_of_tolerance", "apart"), len(run.apart))
-        summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")
+        summary["verdict"] = worst(verdicts)
         if (verdict := CampaignFolder(place).acceptance).is_file():
             summary["specimen_verdict"] = _specimen_verdict(verdict)
         summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(CampaignFolder(place).fit)

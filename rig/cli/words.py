@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rig.campaign.confirmation import resume_command
-from rig.campaign.results import INVALID, NOT_RUN, VALID, RigState
+from rig.campaign.results import NOT_RUN, RigState
 from rig.campaign.stop_cause import OPERATOR, StopCause
 from rig.recording.endurance import RUNNING
 from rig.test_point import ENDURANCE
+from rig.verdicts import INVALID, VALID
 
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, PointResult, StopReport

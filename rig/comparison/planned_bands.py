@@ -9,7 +9,7 @@ from rig.comparison.bands import Bands, LoopBand, ParameterBand, load_bands
 from rig.comparison.readings import LoopReading, planned_loop
 from rig.dampers import MODELS
 from rig.dampers.current_law import AFFINE
-from rig.errors import FileProblem
+from rig.errors import FileProblem, some
 from rig.matrix.model import Matrix
 from rig.signals.test_set import same_motion
 from rig.test_point import FRICTION, LOOP
@@ -77,10 +77,9 @@ def _loops(key: str, band: LoopBand, loops: Sequence[LoopReading]) -> str:
     passive = [loop.motion.read for loop in loops if loop.motion.current_A == 0.0]
     lonely = [loop.ids[0] for loop in active if not any(same_motion(loop.motion.read, read) for read in passive)]
     if lonely:
-        names = ", ".join(lonely[:MOST_NAMED]) + (", ..." if len(lonely) > MOST_NAMED else "")
         return (
-            f"the dynamic range of {names} requires the same motion at 0 A, which the matrix does not contain. Fix: "
-            "add it to the matrix, or limit the band to other points"
+            f"the dynamic range of {some(lonely, most=MOST_NAMED)} requires the same motion at 0 A, which the matrix "
+            "does not contain. Fix: add it to the matrix, or limit the band to other points"
         )
     return "" if active else "at 0 A, the dynamic range is undefined. Fix: specify another current, or remove the band"
 

@@ -17,7 +17,7 @@ import rig.dampers
 from rig.dampers.current_law import AFFINE
 from rig.dampers.current_law_model import PLUS, with_law
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed, RigError, evaluating
+from rig.errors import IdentificationFailed, RigError, evaluating, some
 from rig.fits.entries import Cause, ErrorSummary
 from rig.identification.application.tested_range import tested_range
 from rig.identification.cross_validation import cross_validated, refuse_one_pair
@@ -35,7 +35,7 @@ from rig.identification.per_current import refuse as refuse_per_current
 from rig.identification.points.consistency import contradictions, inconsistent_runs, without_reversed_signs
 from rig.identification.points.inputs import fit_inputs
 from rig.identification.reference import references
-from rig.identification.remarks import UNTRIED, say, some
+from rig.identification.remarks import UNTRIED, say
 from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import judged

@@ -7,7 +7,7 @@ they are raised, statements of the diagnosis with the functions that find them (
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 
 class Remark(str):
@@ -49,11 +49,6 @@ def known_remark(text: str, slug: str, numbers: Mapping[str, object]) -> Remark:
     remark = Remark(text)
     remark.slug, remark.numbers = slug, numbers
     return remark
-
-
-def some(texts: Sequence[str], separator: str = ", ", most: int = 3) -> str:
-    """The first ones of a list, and how many more there are."""
-    return separator.join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
 
 
 PARAMETERS = {

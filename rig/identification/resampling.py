@@ -24,7 +24,7 @@ import numpy as np
 import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.arrays import FloatArray
-from rig.errors import IdentificationFailed
+from rig.errors import IdentificationFailed, some
 from rig.fits.entries import BootstrapResult
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.projection import Weighting
@@ -32,7 +32,6 @@ from rig.identification.models.solving import SQUARES, Method, huber_weights, so
 from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
 from rig.identification.points.inputs import fit_inputs
-from rig.identification.remarks import some
 from rig.identification.uncertainty.bootstrap_result import PREDICTED, bootstrap_result, intervals_of
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit import Fit

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from rig.campaign_folder import CampaignFolder, run_path
-from rig.errors import FileProblem, IdentificationFailed, RigError, evaluating
+from rig.errors import FileProblem, IdentificationFailed, RigError, evaluating, some
 from rig.identification.application.saving import saved
 from rig.identification.fitting import identify as fit_tests
 from rig.identification.models.measurement import Measurement
 from rig.identification.next_test import bench_of
 from rig.identification.options import FEW, DeclaredErrors, FitOptions
-from rig.identification.remarks import say, some
+from rig.identification.remarks import say
 from rig.identification.uncertainty.fit import Fit
 from rig.jobs.workers import HERE, Job
 from rig.recording.load_options import OPTIONS, LoadOptions

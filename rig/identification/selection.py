@@ -16,7 +16,7 @@ import numpy as np
 
 from rig.dampers.covered import Covered, in_words
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed, evaluating
+from rig.errors import IdentificationFailed, evaluating, some
 from rig.fits.entries import ModelScore, mean_within
 from rig.identification.cross_validation import folds_of
 from rig.identification.models.coverage import beyond, covered_by
@@ -24,7 +24,7 @@ from rig.identification.models.measurement import Measurement, set_of, spanning
 from rig.identification.models.separable import SCREENED, SearchAbandoned, SearchState, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve, splits
 from rig.identification.models.undetermined import examine
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import Remark, say
 from rig.identification.uncertainty.scoring import misfits, rmse_N
 from rig.jobs.time_left import TimeLeft
 from rig.jobs.workers import HERE, Job, Workers

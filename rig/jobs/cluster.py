@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from drivers.plugins import DAMPER_MODELS, METHODS, found
 from rig.compile_notice import NOTICE
-from rig.errors import FileProblem, RigError
+from rig.errors import FileProblem, RigError, some
 from rig.extras import how_to_install
 from rig.jobs.workers import (
     Answer,
@@ -299,10 +299,9 @@ class Cluster(RemoteWorkers):
             differing = [path for path, content in own.items() if answer.get(path) != content]
             if differing:
                 state = "cannot read" if not answer.get(differing[0]) else "has different content in"
-                more = f" and {len(differing) - 1} more" if len(differing) > 1 else ""
                 raise RigError(
-                    f"worker {worker} {state} {differing[0]}{more}. Fix: mount the same folder under the same path on "
-                    "all workers"
+                    f"worker {worker} {state} {some(differing, most=1)}. Fix: mount the same folder under the same "
+                    "path on all workers"
                 )
 
     def _nthreads(self) -> Mapping[str, int]:

@@ -19,7 +19,7 @@ from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.stopping import stop_fits, stopping_reach, within
 from rig.matrix.storage import LARGEST_BLOCK_BYTES, journal_bytes, most_in_a_block
-from rig.matrix.streaming import peaks, some
+from rig.matrix.streaming import peaks, some_points
 from rig.signals.program_limits import MOST_STEPS, SHORTEST_HOLD_S
 from rig.signals.record import Record
 from rig.signals.sensor_filter import DELAY_TIMES_BANDWIDTH
@@ -502,8 +502,9 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             fewest = sensor.rate_Hz / max(point.frequency_Hz for point in coarse)
             need_Hz = needed * max(point.frequency_Hz for point in coarse)
             yield (
-                f"{some(coarse)}: only {fewest:.3g} samples per cycle from the {name} at {sensor.rate_Hz:.4g} Hz; "
-                f"identification from a {waveform} requires {needed:g} (here: a rate of {show(need_Hz, 'Hz')}), "
+                f"{some_points(coarse)}: only {fewest:.3g} samples per cycle from the {name} at "
+                f"{sensor.rate_Hz:.4g} Hz; identification from a {waveform} requires {needed:g} "
+                f"(here: a rate of {show(need_Hz, 'Hz')}), "
                 "because the force reverses within a few samples"
             )
 
@@ -524,7 +525,7 @@ def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> 
     if slow:
         fastest_Hz = max(point.frequency_Hz for point in slow)
         yield (
-            f"{some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes only "
+            f"{some_points(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes only "
             f"{math.floor(band_Hz / fastest_Hz)} harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop requires "
             f"{HARMONICS} (here: a bandwidth of {show(HARMONICS * fastest_Hz, 'Hz')})"
         )

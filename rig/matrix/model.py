@@ -21,7 +21,7 @@ from pydantic import Field
 from protocols.descriptions import Problem
 from rig.bench.model import Bench
 from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT
-from rig.errors import FileProblem, FileProblems
+from rig.errors import FileProblem, FileProblems, some
 from rig.files.display_table import DisplayTable
 from rig.files.loader import WrongKind, load_section
 from rig.files.section import ExtendedSection
@@ -359,10 +359,9 @@ class Matrix(ExtendedSection):
         counts = Counter(point.id.casefold() for point in points if point.kind != HYBRID)
         twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
-            shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")
             yield (), (
-                f"duplicate point ID: {shown}. Fix: give each [[point]] a unique ID (points without an ID are named "
-                "p001, p002 ...; repeats add -2, -3 ...; case is ignored)"
+                f"duplicate point ID: {some(twice, most=10)}. Fix: give each [[point]] a unique ID (points without an "
+                "ID are named p001, p002 ...; repeats add -2, -3 ...; case is ignored)"
             )
 
 

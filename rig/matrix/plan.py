@@ -30,7 +30,7 @@ from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal
 from rig.matrix.sensor_timing import skew_hints
 from rig.matrix.stopping import stopping_reach
 from rig.matrix.storage import NO_STORAGE, SETTLING_S, Storage, storage_of
-from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks, some
+from rig.matrix.streaming import Peaks, amplitude_hints, gap_warnings, peaks, some_points
 from rig.signals.iteration_time import trials_s
 from rig.signals.stopping import Reach
 from rig.test_point import SIGNAL, TestPoint
@@ -276,7 +276,7 @@ def _iterated(points: Sequence[TestPoint], matrix: Matrix) -> tuple[tuple[str, .
         ((record, current_A) for record, current_A in targets if record is not None), settings, between_s=SETTLING_S
     )
     hint = (
-        f"{some(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: the "
+        f"{some_points(signals)}: the command is iterated to an RMS error of {100 * settings.tolerance:g} %: the "
         f"machine is identified with {settings.noise_s:g} s of noise, and up to {settings.most + 1} trials at each "
         "current precede the recorded point"
     )

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from drivers.catalogue import clocked_format_names
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
-from rig.matrix.streaming import some
+from rig.matrix.streaming import some_points
 from rig.signals.clock_model import UNKNOWN_LATENCY_S
 from rig.signals.delay_estimation.delay_model import weighed_alone_s
 from rig.test_point import LARGEST_SKEW_PERIODS, TestPoint
@@ -42,9 +42,9 @@ def skew_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
     if not stated:
         fixes.insert(0, "state [actuator] input_delay")
     return (
-        f"{some(fast)}: {' and '.join(late)} without cycle pulses and without a controller input of known delay: the "
-        f"delay between force and displacement is uncertain by about {show(std_s, 'ms', 3)}, and points above "
-        f"{LARGEST_SKEW_PERIODS / std_s:.3g} Hz become suspect (skew). Fix: {_either(fixes)}",
+        f"{some_points(fast)}: {' and '.join(late)} without cycle pulses and without a controller input of known "
+        f"delay: the delay between force and displacement is uncertain by about {show(std_s, 'ms', 3)}, and points "
+        f"above {LARGEST_SKEW_PERIODS / std_s:.3g} Hz become suspect (skew). Fix: {_either(fixes)}",
     )
 
 

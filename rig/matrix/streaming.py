@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.model import Bench
+from rig.errors import some
 from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS
 from rig.signals.waveform import Waveform
@@ -97,9 +98,9 @@ def gap_warnings(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
         return ()
     fastest_m_s = max(peaks(point, bench).speed_m_s for point in fast)
     return (
-        f"{some(fast)}: if a set-point is lost, a drive that stops on its own decelerates from {fastest_m_s:.3g} m/s "
-        f"at about {a_speed * fastest_m_s:.3g} m/s^2 (with a position loop of 30 Hz); allowed: at most "
-        f"{limit_m_s2:.3g} m/s^2. Fix: limit the deceleration in the drive, or plan speeds of at most "
+        f"{some_points(fast)}: if a set-point is lost, a drive that stops on its own decelerates from "
+        f"{fastest_m_s:.3g} m/s at about {a_speed * fastest_m_s:.3g} m/s^2 (with a position loop of 30 Hz); allowed: "
+        f"at most {limit_m_s2:.3g} m/s^2. Fix: limit the deceleration in the drive, or plan speeds of at most "
         f"{limit_m_s2 / a_speed:.3g} m/s",
     )
 
@@ -118,8 +119,8 @@ def amplitude_hints(points: Sequence[TestPoint], *, adapted: bool) -> tuple[str,
         return ()
     fastest_Hz = max(point.frequency_Hz for point in slow)
     return (
-        f"{some(slow)}: a fast machine (position loop of 30 Hz) reaches about {100 * loop_gain(fastest_Hz):.0f} % of "
-        f"the amplitude at {fastest_Hz:g} Hz; below {100 * (1 - AMPLITUDE_SUSPECT):g} % a point is suspect, below "
+        f"{some_points(slow)}: a fast machine (position loop of 30 Hz) reaches about {100 * loop_gain(fastest_Hz):.0f} "
+        f"% of the amplitude at {fastest_Hz:g} Hz; below {100 * (1 - AMPLITUDE_SUSPECT):g} % a point is suspect, below "
         f"{100 * (1 - AMPLITUDE_INVALID):g} % invalid. Fix: adapt_amplitude = true",
     )
 
@@ -130,10 +131,9 @@ def loop_gain(frequency_Hz: float) -> float:
     return 1.0 / math.hypot(1.0 - ratio**2, 2.0 * LOOP_DAMPING * ratio)
 
 
-def some(points: Sequence[TestPoint]) -> str:
+def some_points(points: Sequence[TestPoint]) -> str:
     """The first points by name, and how many more there are."""
-    names = ", ".join(point.id for point in points[:3])
-    return names + (f" and {len(points) - 3} more" if len(points) > 3 else "")
+    return some([point.id for point in points])
 
 
 def _with_envelope(point: TestPoint, bench: Bench) -> Peaks:

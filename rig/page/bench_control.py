@@ -495,8 +495,9 @@ class BenchControl:
         run = self.history.entry(message.get("run"))
         if run is None or not run["recorded"]:
             raise Refusal("unknown-run", "This run has no recorded points.")
-        await self._ask({"do": "report", "run": str(self.bench.out / run["name"])})
-        return {"ok": True, "run": run["name"]}
+        pdf = message.get("pdf") is True
+        await self._ask({"do": "report", "run": str(self.bench.out / run["name"]), "pdf": pdf})
+        return {"ok": True, "run": run["name"], "pdf": pdf}
 
     def _start(self, arguments: tuple[str, ...], requester: Requester, title: str, message: Mapping[str, Any]) -> None:
         """Start `rig run`; everything since the last look at what runs is done without waiting.

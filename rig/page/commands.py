@@ -16,6 +16,7 @@ On the page of a bench, answered by `rig.page.bench_control`:
     {"do": "prepare"}                                     an operator's client: load the next run of the production view
     {"do": "begin", "matrix", "planned", "serial_number"} the holder of the lease; so are "resume" with "run",
                                                           "confirmed", "requalified", and "make-report" with "run"
+                                                          and, for a PDF as well, "pdf": true
 
 There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
 application at once; the others to the application alone, which decides.

@@ -27,6 +27,7 @@ from rig.recording.quality.stopped_point import was_stopped
 from rig.recording.tested_specimens import TITLES
 from rig.station.live_folder import read_json
 from rig.text_file import JSON_LIMIT_BYTES, open_regular, stamp
+from rig.verdicts import rank
 
 EVENTS = (b'"result"', b'"judged"', b'"connected"', b'"point"', b'"refused"', b'"resumed"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
@@ -35,7 +36,6 @@ PEAK_FORCES = ("peak_force_rebound_N", "peak_force_compression_N")
 REQUESTED = frozenset({"operator", "sigint", "sigterm"})
 """Codes of stops that were requested before the rig was connected: no refusals."""
 LONGEST_REASON = 600
-RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
 MOST_READ_BYTES = 1 << 27
 """Of a journal, from its end."""
@@ -200,8 +200,7 @@ def _coil_degC(point: Mapping[str, Any]) -> list[float] | None:
 
 def _rank(point: dict[str, Any]) -> tuple[int, bool]:
     """Of a point's attempts the best counts, then one with a file, then the latest."""
-    verdict = point.get("verdict")
-    return (RANKS.index(verdict) if verdict in RANKS else -1), bool(point.get("file"))
+    return rank(point.get("verdict")), bool(point.get("file"))
 
 
 def _events(journal: Path) -> Iterator[dict[str, Any]]:

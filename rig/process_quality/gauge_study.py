@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from rig.errors import some
 from rig.fits.plain import plain
-from rig.identification.remarks import some
 from rig.process_quality.control_chart import RESOLUTION, TooFewValues
 from rig.signals.arrays import FloatArray
 

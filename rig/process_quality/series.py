@@ -13,6 +13,7 @@ import numpy as np
 
 from rig.comparison.bands import Band, Bands, LoopBand
 from rig.comparison.readings import LoopReading, Motion
+from rig.errors import some
 from rig.process_quality.control_chart import RESOLUTION
 from rig.results.quantities import QUANTITIES, SPECIMEN
 from rig.results.reader import ResultRow
@@ -154,9 +155,8 @@ def remarks_on(rows: Sequence[ResultRow]) -> list[str]:
     for name, values in (("matrices", [row.matrix for row in rows]), ("stations", [row.station for row in rows])):
         known = Counter(value for value in values if value)
         if len(known) > 1:
-            listed = ", ".join(list(known)[:3]) + (", ..." if len(known) > 3 else "")
             option = {"matrices": "--matrix", "stations": "--station"}[name]
-            remarks.append(f"values come from {len(known)} {name} ({listed}); {option} selects one")
+            remarks.append(f"values come from {len(known)} {name} ({some([*known])}); {option} selects one")
     return remarks
 
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from rig.comparison.bands import Bands
 from rig.display import SI, Display, Shown
-from rig.errors import FileProblem
+from rig.errors import FileProblem, some
 from rig.fits.plain import plain
-from rig.identification.remarks import some
 from rig.process_quality.capability import (
     Capability,
     GaugeCapability,

@@ -24,10 +24,9 @@ from rig.characteristics import characterise
 from rig.clock import utc_now
 from rig.comparison.specimen import read_specimen
 from rig.document import html
-from rig.errors import DataWarning, FileProblem, Refused, RigError
+from rig.errors import DataWarning, FileProblem, Refused, RigError, some
 from rig.fits.fit_record import FitRecord, fit_in
 from rig.identification.application.saving import saved
-from rig.identification.remarks import some
 from rig.jobs.workers import HERE, Job, Workers
 from rig.reanalysis.changes import (
     Cause,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from protocols.patterns import Pattern, PatternError
 from rig.display import Positive
-from rig.errors import FileProblem
+from rig.errors import FileProblem, some
 from rig.recording.file_formats.columns import (
     MOST_SHOWN,
     REQUIRED,
@@ -193,8 +193,7 @@ def grouped(problems: Mapping[str, Sequence[Path]]) -> list[str]:
 
 def named_files(files: Sequence[Path]) -> str:
     """The first three of them, and how many more there are."""
-    more = f" and {len(files) - 3} more" if len(files) > 3 else ""
-    return ", ".join(map(str, files[:3])) + more
+    return some([*map(str, files)])
 
 
 def _current_pattern(text: str | None) -> Pattern | None:

@@ -23,7 +23,6 @@ from rig.recording.external_tests import ImportedTest, ImportSettings, grouped, 
 from rig.recording.file_formats.columns import choose
 from rig.recording.file_formats.named_columns import FILE_QUANTITIES, named_quantity
 from rig.recording.file_formats.table_file import TableColumn
-from rig.recording.hdf5.reading import VERDICTS
 from rig.recording.imported_signs import SignedLoop, doubtful_signs
 from rig.recording.importing import Described, points_of, told_apart
 from rig.recording.load_options import OPTIONS, LoadKeywords, LoadOptions
@@ -34,6 +33,7 @@ from rig.recording.views import DESCRIBED
 from rig.signals.free_motion import RANDOM
 from rig.signals.waveform import WAVEFORM_NAMES
 from rig.text_file import read_text
+from rig.verdicts import VERDICTS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,15 +21,15 @@ from protocols.near_miss import meant, near_names
 from rig.campaign_folder import CampaignFolder, run_path
 from rig.display import Display
 from rig.document.axes import draw_on
-from rig.errors import DataWarning, FileProblem, NoSuchEntry
+from rig.errors import DataWarning, FileProblem, NoSuchEntry, some
 from rig.files.run_display import run_display
-from rig.recording.hdf5.reading import VERDICTS
 from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.views import Over, loops_figure, run_dataset
 from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
 from rig.test_point import ENDURANCE
 from rig.text_file import read_json
+from rig.verdicts import rank
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +41,6 @@ MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 BLOCK_NAME = re.compile(r"-b\d+(-attempt\d+)?$")
 """Names of the files of blocks of endurance tests; other points may have such names, too."""
-WORST_FIRST = VERDICTS[::-1]
 MOST_IDS = 12
 """Ids of points that a message lists."""
 MOST_VALUES = 12
@@ -94,8 +93,7 @@ class Selection:
                 texts = list(dict.fromkeys(str(getattr(point, name)) for point in points))
             else:
                 texts = sorted({text for point in points if (text := _number_text(point, name))}, key=float)
-            more = f" and {len(texts) - MOST_VALUES} more" if len(texts) > MOST_VALUES else ""
-            listed.append(f"{name}={'|'.join(texts[:MOST_VALUES])}{more}" if texts else f"no {name}")
+            listed.append(f"{name}={some(texts, '|', MOST_VALUES)}" if texts else f"no {name}")
         return f"they have {', '.join(listed)}"
 
 
@@ -371,7 +369,7 @@ class Run:
 def _piece_rank(point: RecordedPoint) -> tuple[int, int]:
     """Of the recordings of a block, the one with the highest rank is the block's."""
     before = 0 if point.endurance is None else point.endurance.cycles_before
-    return WORST_FIRST.index(point.verdict) if point.verdict in WORST_FIRST else -1, before
+    return rank(point.verdict), before
 
 
 def _opened(file: Path) -> RecordedPoint:

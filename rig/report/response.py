@@ -18,6 +18,7 @@ from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, number, with_uncertainty
 from rig.document.style import FITTED, MEASURED, RESIDUAL, category_colour
 from rig.document.words import Key, Strong, capitalised
+from rig.errors import some
 from rig.identification.points.response_steps import COMMAND, Curve, ResponseTest
 from rig.signals.arrays import FloatArray
 from rig.signals.step_response.result import LEVEL_NAMES, LEVELS, State, TimeResult
@@ -140,8 +141,7 @@ def _remarks(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
         for remark in _remarks_of(test):
             about.setdefault(remark, []).append(where)
     for remark, places in about.items():
-        more = f" and {len(places) - SHOWN} more" if len(places) > SHOWN else ""
-        listed = "all results" if len(places) == len(tests) > 1 else f"{', '.join(places[:SHOWN])}{more}"
+        listed = "all results" if len(places) == len(tests) > 1 else some(places, most=SHOWN)
         yield f"{remark} ({listed})."
 
 

@@ -32,9 +32,9 @@ from rig.recording.run import Run, planned_points, read_campaign, read_words
 from rig.recording.tested_on import TESTED, when_tested
 from rig.recording.tested_specimens import NO_BANDS, SpecimenVerdict
 from rig.results.quantities import BENCH, SPECIMEN, STORED_WITH_POINT, quantity_named
-from rig.results.run_index import VERDICTS
 from rig.results.schema import stored_current
 from rig.results.special_tests import special_values
+from rig.verdicts import worst
 
 NAMESPACE = uuid.UUID("6f3f6d0b-0d0e-5bd2-9a55-1b8f9a3c4d77")
 """Of the campaigns' UUIDs, which are derived from the name in `campaign.json`: a copied or renamed directory, or one
@@ -212,8 +212,7 @@ def _operator(folder: Path, campaign: Mapping[str, Any]) -> str:
 
 
 def _worst(judged: Sequence[RecordedPoint]) -> str:
-    verdicts = {point.verdict for point in judged}
-    return next((name for name in reversed(VERDICTS) if name in verdicts), "")
+    return worst({point.verdict for point in judged})
 
 
 def _bench_verdict(verdict: str, points: Sequence[RecordedPoint], planned: int) -> Row:

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, case, func, literal, null, or_, select
 
-from rig.errors import FileProblem
-from rig.identification.remarks import some
+from rig.errors import FileProblem, some
 from rig.results.connection import Database, server
 from rig.results.filling import Filled, filled_database
 from rig.results.quantities import QUANTITIES, SPECIMEN

@@ -35,7 +35,6 @@ FORMAT = f"8, {rig.__version__}"
 SETTLED_NS = 2_000_000_000
 """A file changed so lately may be changed again within the resolution of its time stamp: its summary is not kept."""
 DATE = re.compile(r"\d{4}(-\d{2}(-\d{2})?)?")
-VERDICTS = ("valid", "suspect", "invalid")
 
 Summary = dict[str, Any]
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from rig.errors import FileProblem
+from rig.errors import FileProblem, some
 from rig.identification import Measurement, identify
 from rig.identification.cross_validation import pairs_of
 from rig.identification.models.coil import needs_lag, with_lag
@@ -48,9 +47,9 @@ class Found:
         """What is wrong, and where the files come from: one line."""
         one, parts = self.recordings, []
         if self.missing:
-            parts.append(f"{len(self.missing)} of {len(one.files)} files missing ({_some(self.missing)})")
+            parts.append(f"{len(self.missing)} of {len(one.files)} files missing ({some(self.missing)})")
         if self.changed:
-            parts.append(f"SHA-256 differs from the benchmark's for {_some(self.changed)}")
+            parts.append(f"SHA-256 differs from the benchmark's for {some(self.changed)}")
         variable = f", or set {one.variable} to the folder that contains them" if one.variable else ""
         prepare = f" {one.prepare}" if one.prepare else ""
         return (
@@ -135,7 +134,3 @@ def variance_percent(test: Measurement, nrmse_percent: float) -> float:
     """Share of a test's force variance (%) that an error (% of its peak) leaves explained."""
     rmse_N = 0.01 * nrmse_percent * test.peak_force_N
     return 100.0 * (1.0 - rmse_N**2 / float(np.var(test.force_N[test.scored])))
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

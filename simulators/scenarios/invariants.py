@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from rig.campaign.results import INVALID, VALID, RigState
+from rig.campaign.results import RigState
 from rig.campaign.sequencer.state import Phase
 from rig.campaign.stop_cause import because
 from rig.campaign_folder import CampaignFolder
 from rig.errors import EXIT_STOPPED, FileProblem
 from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
+from rig.verdicts import INVALID, VALID
 from simulators.scenarios.motion_invariants import MOTION_CHECKS
 from simulators.scenarios.plan import DEATHS, DISK, OF_THE_STATION, SIGNALS
 from simulators.scenarios.proof_invariants import PROOF_CHECKS, ZERO_A, source_is_hidden

@@ -14,7 +14,7 @@ from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.operator_link import Signals
-from rig.campaign.results import VALID, PointResult
+from rig.campaign.results import PointResult
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.setup import campaign_hash
@@ -28,6 +28,7 @@ from rig.recording.layout import PointContext, SensorContext
 from rig.recording.point_attributes import Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE, FinishedPoint, attempt_name
 from rig.test_point import ENDURANCE, TestPoint
+from rig.verdicts import VALID
 
 RETIMING_TIMEOUT_S = 120.0
 ASK_AGAIN_S = 0.25

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rig.errors import some
 from rig.fits.entries import Cause
 from rig.identification.diagnosis.statement import Fitted, Statement
 from rig.identification.diagnosis.trials import CLIPPING, CURRENT_LAW
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.undetermined import levels_of
-from rig.identification.remarks import filled, some
+from rig.identification.remarks import filled
 from rig.identification.uncertainty.covariance import quantile
 from rig.signals.plausibility import SMALLEST_CURRENT_A, Doubt, TestSize, doubts
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-from rig.errors import IdentificationFailed
+from rig.errors import IdentificationFailed, some
 from rig.fits.entries import Cause
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, Explained, explain, residual_N
@@ -22,7 +22,6 @@ from rig.identification.diagnosis.statement import Fitted, Statement
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.remarks import some
 from rig.identification.series_spring import ComplianceCorrection
 from rig.signals.test_set import CurrentReading, current_levels
 

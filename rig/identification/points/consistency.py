@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.errors import FileProblem, IdentificationFailed
+from rig.errors import FileProblem, IdentificationFailed, some
 from rig.identification.models.measurement import Measurement, samples_a_cycle, set_of
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import Remark, say
 from rig.signals.test_set import CurrentLevels, same_current, same_motion
 from rig.signals.waveform import WAVEFORMS
 

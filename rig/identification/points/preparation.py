@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-from rig.errors import IdentificationFailed, RigError, evaluating
+from rig.errors import IdentificationFailed, RigError, evaluating, some
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.cached_measurement import cached_measurement
 from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured, refuse_too_few
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
 from rig.identification.points.whole_record import has_cycles, prepare_whole
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import Remark, say
 from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles

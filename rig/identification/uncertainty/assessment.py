@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed
+from rig.errors import IdentificationFailed, some
 from rig.fits.entries import Estimate, Evaluation, ModelScore, Profile, SolverReport, Uncertainty
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.separable import Solution
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
 from rig.identification.options import FitOptions
-from rig.identification.remarks import QUANTITIES, Remark, say, some
+from rig.identification.remarks import QUANTITIES, Remark, say
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import Information, information, quantile
 from rig.identification.uncertainty.drift import drifting

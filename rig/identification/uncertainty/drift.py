@@ -14,8 +14,9 @@ from statistics import NormalDist
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.errors import some
 from rig.identification.models.measurement import Measurement, samples_a_cycle
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import Remark, say
 from rig.signals.waveform import WAVEFORMS
 
 FEWEST_CYCLES = 6

@@ -15,11 +15,12 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
+from rig.errors import some
 from rig.fits.entries import ErrorSummary, Passivity, TestError
 from rig.identification.models.measurement import Measurement, recorded_errors, samples_a_cycle
 from rig.identification.models.model_slope import FittedModel, modelled_force, unseen_force
 from rig.identification.models.projection import Weighting
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import Remark, say
 from rig.identification.uncertainty.residual_correction import corrected_residuals, motion_effects, thinned
 from rig.identification.uncertainty.residuals import assess_residual, sum_of_squares
 

@@ -229,6 +229,7 @@ function show_history() {
     if (run.pdf) { const link = element("a", "PDF"); link.href = report_of(run.name, "pdf"); link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name} as PDF`); acts.append(link); }
     if (standing.role === "operator") {
       if (!run.report && run.recorded && run.ended !== "running") acts.append(act("Make report", run, () => say({ do: "make-report", run: run.name })));
+      if (run.report && !run.pdf && run.recorded) acts.append(act("Make PDF", run, () => { answer(`The PDF of ${run.name} is being written.`); say({ do: "make-report", run: run.name, pdf: true }); }));
       if (run.resumable) acts.append(act("Resume…", run, () => ask_questions(run.name)));
     }
     const name = element("td", undefined, "small"), specimen = element("td", `${run.specimen}${run.simulated ? " (simulated)" : ""}`);
@@ -254,7 +255,7 @@ function answered(message) {
   if (message.do === "begin" && line_answered(message)) { if (message.refused === "not-planned" && plan) ask_again(); return; }
   if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
   if (message.do === "begin" && message.refused === "not-planned" && plan) ask_again();
-  answer(message.refused ? words_of(message) : message.do === "make-report" ? `The report of ${message.run} is ready.` : "");
+  answer(message.refused ? words_of(message) : message.do === "make-report" ? `The ${message.pdf ? "PDF" : "report"} of ${message.run} is ready.` : "");
 }
 
 by_id("resume-last").onclick = () => ask_questions(runs[0].name);

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from rig.errors import FileProblem
+from rig.errors import FileProblem, some
 from rig.recording.file_formats.file_units import (
     COUNTS,
     DIMENSION,
@@ -221,9 +221,8 @@ def _found(columns: Sequence[TableColumn], text: str) -> tuple[int, str]:
             raise ValueError(
                 f"{len(places)} columns have the name {label!r}. Fix: select one of them with {others}"
             )
-    shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
-    more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""
-    raise ValueError(f"no column {(name if colon else text)!r}; columns: {shown}{more}")
+    shown = some([column.name for column in columns], most=MOST_SHOWN)
+    raise ValueError(f"no column {(name if colon else text)!r}; columns: {shown}")
 
 
 def _places(columns: Sequence[TableColumn], requested: str) -> list[int]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from rig.errors import some
 from rig.recording.file_formats.columns import FROM_FILE, FROM_NAME, ColumnChoice
 from rig.recording.file_formats.file_units import known_unit
 from rig.recording.file_formats.table_file import TableColumn
@@ -126,8 +127,7 @@ class FileLayout:
             for text, names in (("new", [name for name in now.names if name not in self.names]),
                                 ("missing", [name for name in self.names if name not in now.names])):  # fmt: skip
                 if names:
-                    more = f" and {len(names) - MOST_SHOWN} more" if len(names) > MOST_SHOWN else ""
-                    yield f"{text} column(s): {', '.join(names[:MOST_SHOWN])}{more}"
+                    yield f"{text} column(s): {some(names, most=MOST_SHOWN)}"
         if abs(now.rate_Hz - self.rate_Hz) > RATE_SHARE * self.rate_Hz:
             yield f"{now.rate_Hz:.4g} samples per second instead of {self.rate_Hz:.4g}"
 

@@ -19,6 +19,7 @@ from rig.recording.memory import check_memory
 from rig.recording.point_attributes import MOTION, NAMES, STEPS, TEXTS, commanded_of, point_fields
 from rig.recording.point_files import name_problem
 from rig.recording.quality.point_quality import PointQuality
+from rig.verdicts import VERDICTS
 
 if TYPE_CHECKING:
     import h5py
@@ -27,7 +28,6 @@ SENSOR_ATTRIBUTES = (
     "units", "long_name", "sensor", "serial_number", "sensitivity", "offset", "certificate", "due", "overdue",
     "uncertainty_percent", "delay_s", "range_SI", "rate_Hz",
 )
-VERDICTS = ("valid", "suspect", "invalid")
 MEMORY_OF_A_SAMPLE = 200
 """Bytes of memory needed per sample to evaluate a point."""
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
+from rig.errors import some
 from rig.identification import Fit, Measurement, identify
 from rig.identification.diagnosis.stretches import path_since_reversal_m
 from rig.identification.diagnosis.trials import is_level_of_current
-from rig.identification.remarks import some
 from rig.identification.runs import write_fit
 
 DEMO = dict(parameter_set("demo").values)

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from rig.dampers import parameter_set
+from rig.errors import some
 from rig.identification import Measurement, identify, remarks
 from rig.identification.diagnosis.statement import Statement
-from rig.identification.remarks import Remark, say, some
+from rig.identification.remarks import Remark, say
 
 Make = Callable[..., list[Measurement]]
 

@@ -79,8 +79,13 @@ class AnsweringControl(BenchControl):
         "stops": [], "requalify": False, "left_out": [],
     }  # fmt: skip
 
+    def __init__(self, bench: Bench, **settings: Any) -> None:  # noqa: ANN401 - as its base
+        super().__init__(bench, **settings)
+        self.requests: list[Mapping[str, Any]] = []
+
     async def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
         await asyncio.sleep(0)
+        self.requests.append(request)
         return dict(self.reply)
 
 
@@ -282,6 +287,15 @@ def test_only_a_listed_run_is_resumed(control: AnsweringControl, started: Starte
     assert started.arguments == []
 
 
+def test_a_pdf_is_written_of_a_listed_run_only(control: AnsweringControl) -> None:
+    name = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
+    (control.bench.out / name / "points" / "p001.h5").touch()
+    control.history.look()
+    assert asked(control, do="make-report", run=name, pdf=True)["pdf"] is True
+    assert asked(control, do="make-report", run="no-such-run", pdf=True)["refused"] == "unknown-run"
+    assert control.requests == [{"do": "report", "run": str(control.bench.out / name), "pdf": True}]
+
+
 def test_a_simulated_run_is_not_resumed_on_hardware(control: AnsweringControl, started: Started) -> None:
     name = run_in(control, "20260102T030405Z-MR-1-bbbbbb", simulated=True)
     assert asked(control, do="resume", run=name, confirmed=["operator"])["refused"] == "another-rig"
@@ -307,7 +321,8 @@ def test_a_run_from_a_terminal_is_found_and_nothing_is_started_beside_it(
     assert (answer["refused"], "the-run" in answer["text"]) == ("already-running", True)
     replace_json(running / "state.json", {"campaign": str(control.bench.out / "the-run"), "ended": {"valid": 1}})
     assert asked(control, do="plan", matrix="m.toml")["refused"] == "still-analysing"
-    assert started.arguments == []
+    assert asked(control, do="make-report", run="the-run", pdf=True)["refused"] == "still-analysing"
+    assert (started.arguments, len(control.requests)) == ([], 0)
 
 
 def test_the_specimen_of_a_start_is_not_recorded_in_a_run_from_a_terminal(
