@@ -17,6 +17,7 @@ from rig.characteristics.loop import LoopCharacteristics, over_repeats
 from rig.fits.plain import plain
 from rig.signals.rounding import MOST_PLACES, places_of
 from rig.signals.waveform import TRIANGLE
+from rig.test_point import peak_speed_m_s
 
 PEAK_VELOCITY, CONSTANT_VELOCITY = "peak velocity", "constant velocity"
 MOST_DIGITS = 4
@@ -65,6 +66,10 @@ class ForceRow:
     amplitude_m: float
     frequency_Hz: float
     cells: tuple[ForceCell | None, ...]
+
+    def requested_m_s(self, waveform: str) -> float:
+        """Peak speed (m/s) of the ideal waveform with this amplitude and frequency."""
+        return peak_speed_m_s(waveform, self.amplitude_m, self.frequency_Hz)
 
     @property
     def tests(self) -> str:

@@ -44,7 +44,7 @@ def described(point: RecordedPoint, shown: Display = SI) -> str:
     if point.has_frequency and point.frequency_Hz == 0.0:
         return point.phrase(shown)
     amplitude = shown.displacement.text(point.amplitude_m)
-    return f"{point.waveform} {amplitude} {point.frequency_Hz:.4g} Hz {round(point.current_A, 3) + 0.0:.3g} A"
+    return f"{point.waveform} {amplitude} {point.rate(shown)} {round(point.current_A, 3) + 0.0:.3g} A"
 
 
 def peaks(result: PointResult, shown: Display) -> str:

@@ -67,18 +67,21 @@ class Comparison:
     def change(self, run: int, quantity: str, row: MotionRow) -> Change | None:
         """Of a quantity of a motion, against the first run; None where one of them lacks it.
 
-        A force has one unit of change in all tests: where one of them has no relative change, none has.
+        Forces in rebound and in compression have one unit of change in all tests: where one of them has no relative
+        change, none has.
         """
         one = self._change(run, quantity, row)
         return one if one is None or (run, quantity) not in self._in_unit_of_force else one.absolute
 
     @cached_property
     def _in_unit_of_force(self) -> frozenset[tuple[int, str]]:
-        """Run and quantity of the forces that lack a relative change in one test at least."""
+        """Run and quantity of the forces, if one of them lacks a relative change in one test at least."""
         forces = [quantity.key for quantity in LOOP_QUANTITIES if quantity.unit == "N"]
         return frozenset(
-            (run, quantity) for run in range(1, len(self.runs)) for quantity in forces for row in self.rows
-            if (one := self._change(run, quantity, row)) is not None and math.isnan(one.percent)
+            (run, quantity) for run in range(1, len(self.runs)) for quantity in forces if any(
+                math.isnan(one.percent) for row in self.rows for key in forces
+                if (one := self._change(run, key, row)) is not None
+            )
         )
 
     def _change(self, run: int, quantity: str, row: MotionRow) -> Change | None:
@@ -183,15 +186,13 @@ class Comparison:
 
     def _without_percentage(self) -> Iterator[str]:
         """Forces whose changes are stated in the unit of the force."""
-        for index, run in enumerate(self.runs[1:], start=1):
-            for quantity in LOOP_QUANTITIES:
-                if (index, quantity.key) in self._in_unit_of_force:
-                    yield (
-                        f"{run.name}: all changes of the {quantity.name} are stated in {self.display.force.unit}, "
-                        "because in at least one test the force is near zero, smaller than the gas force or (if the "
-                        "gas force was not measured) less than a third of the compression force, or its sign changes; "
-                        "forces at peak velocity include the gas force"
-                    )
+        for index in sorted({index for index, _ in self._in_unit_of_force}):
+            yield (
+                f"{self.runs[index].name}: all changes of the rebound and compression forces are stated in "
+                f"{self.display.force.unit}, because in at least one test a force is near zero, smaller than the gas "
+                "force or (if the gas force was not measured) less than a third of the compression force, or its sign "
+                "changes; forces at peak velocity include the gas force"
+            )
 
     def _near(self) -> Iterator[str]:
         """Motions without a counterpart; of those that have one nearby how far it is: too far for a correction."""

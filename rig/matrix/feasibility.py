@@ -78,13 +78,13 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
         )
         yield Reason("speed", text, reached_m_s / limits.speed_m_s)
     if _beyond(reached_m_s2, limits.acceleration_m_s2):
-        limit, own_m_s2 = limits.acceleration_m_s2, point.peak_acceleration_m_s2
-        ripple = _ripple(f"{own_m_s2:.3g} m/s^2") if _beyond(reached_m_s2, own_m_s2) else ""
+        own_m_s2, acceleration = point.peak_acceleration_m_s2, shown.acceleration
+        ripple = _ripple(acceleration.text(own_m_s2, 3)) if _beyond(reached_m_s2, own_m_s2) else ""
         text = (
-            f"acceleration {reached_m_s2:.3g} m/s^2{_when(point, 1)} is above the bench's limit, {limit:.3g} "
-            f"m/s^2{ripple}"
+            f"acceleration {acceleration.text(reached_m_s2, 3)}{_when(point, 1)} is above the bench's limit, "
+            f"{acceleration.text(limits.acceleration_m_s2, 3)}{ripple}"
         )
-        yield Reason("acceleration", text, reached_m_s2 / limit)
+        yield Reason("acceleration", text, reached_m_s2 / limits.acceleration_m_s2)
     yield from _against_travel(point, matrix, bench)
     if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
         yield Reason(
@@ -110,7 +110,8 @@ def _of_block(point: TestPoint, bench: Bench) -> Iterator[Reason]:
 
 def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Travel limits that the motion exceeds; if it keeps them, those that a halt at some instant would exceed."""
-    limits, specimen, shown = bench.limits, matrix.specimen, display_of(bench.display, matrix.display).displacement
+    limits, specimen, display = bench.limits, matrix.specimen, display_of(bench.display, matrix.display)
+    shown = display.displacement
     travel_fits = True
     room = f"; a margin of {shown.text(HEADROOM_M)} is required at each end"
     if _beyond(point.amplitude_m, _room_m(point, limits)):
@@ -125,9 +126,10 @@ def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[
         yield Reason("stroke", text, travel_m / stroke_m)
     room_m, reached = command_room(matrix, bench)[:2], stopping_reach(point, matrix, bench)
     if travel_fits and not within(reached, room_m):
+        deceleration = display.acceleration.text(bench.actuator.halt_deceleration_m_s2)
         text = (
-            f"stopping distance: with a deceleration of {bench.actuator.halt_deceleration_m_s2:g} m/s^2, the rod stops "
-            f"between {shown.span(*reached, word='and')}; allowed: {shown.span(*room_m)}"
+            f"stopping distance: with a deceleration of {deceleration}, the rod stops between "
+            f"{shown.span(*reached, word='and')}; allowed: {shown.span(*room_m)}"
         )
         fits = stop_fits(point, matrix, bench, room_m).text
         yield Reason("stopping-distance", f"{text}; {fits}" if fits else text)
@@ -140,10 +142,13 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
     motion that is reached, not the one that is commanded.
     """
     limits, one_metre = bench.limits, replace(point, amplitude_m=1.0)
+    shown = display_of(bench.display, matrix.display)
+    speed, acceleration = (
+        shown.speed.text(limits.speed_m_s, 3), shown.acceleration.text(limits.acceleration_m_s2, 3)
+    )
     allowed = {
-        f"the bench's speed limit, {limits.speed_m_s:.3g} m/s": limits.speed_m_s / one_metre.peak_speed_m_s,
-        f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
-        / one_metre.peak_acceleration_m_s2,
+        f"the bench's speed limit, {speed}": limits.speed_m_s / one_metre.peak_speed_m_s,
+        f"the bench's acceleration limit, {acceleration}": limits.acceleration_m_s2 / one_metre.peak_acceleration_m_s2,
     }
     what = min(allowed, key=lambda name: allowed[name])
     steps = math.floor(allowed[what] / AMPLITUDE_STEP_M + 1e-6)
@@ -160,7 +165,8 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
 def command_room(matrix: Matrix, bench: Bench) -> tuple[float, float, str]:
     """Lowest and highest position (m) that may be commanded, headroom taken off, and what sets them, in words."""
     low_m, high_m = _travel(matrix, bench).position_m
-    where = f"the travel limits of bench and specimen, {show(low_m, 'mm')} to {show(high_m, 'mm')}"
+    shown = display_of(bench.display, matrix.display).displacement
+    where = f"the travel limits of bench and specimen, {shown.span(low_m, high_m)}"
     return low_m + HEADROOM_M, high_m - HEADROOM_M, where
 
 

@@ -155,6 +155,7 @@ def report_of(of: Material) -> Document:
     blocks += section("Appendix", "All results, and how they were obtained.")
     if measured.rest:
         blocks += [Heading("Loops of further motions"), *measured.keys, Cards(measured.rest, large=True)]
+    blocks += loops.all_motions(views)
     blocks += [*points_table(views), *point_details(views, of.log or ())]
     if fit is not None:
         blocks += fit_sections.quality(fit, of.display)
@@ -302,7 +303,7 @@ def facts_of(of: Material) -> Facts:
         Fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", severity)
         for verdict, severity in (("suspect", FAIR), ("invalid", POOR)) if _count(run, verdict)
     ]
-    return Facts((*facts, *_lost(run), *endurance_facts(of.endurance), *largest_forces(of), *_verdict(fit)))
+    return Facts((*facts, *_lost(run), *endurance_facts(of.endurance, of.display), *largest_forces(of), *_verdict(fit)))
 
 
 def largest_forces(of: Material) -> list[Fact]:

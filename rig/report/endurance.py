@@ -65,18 +65,18 @@ def endurance_section(tests: Sequence[EnduranceTest], display: Display) -> Block
     parts: Blocks = [*section("Endurance", NOTE)]
     for test in tests:
         parts += [
-            Heading(f"{test.ledger.test}: {test.motion.phrase(display)}", 3), *_counts(test), *_rules(test),
+            Heading(f"{test.ledger.test}: {test.motion.phrase(display)}", 3), *_counts(test), *_rules(test, display),
             *_wear(test, display), *_performance(test, display), *_interrupted(test),
         ]  # fmt: skip
     return parts
 
 
-def endurance_facts(tests: Sequence[EnduranceTest]) -> list[Fact]:
+def endurance_facts(tests: Sequence[EnduranceTest], display: Display) -> list[Fact]:
     """Each test in one fact: cycles, the stop rule that ended it, and the last value of the rules."""
-    return [_endurance_fact(test) for test in tests]
+    return [_endurance_fact(test, display) for test in tests]
 
 
-def _endurance_fact(test: EnduranceTest) -> Fact:
+def _endurance_fact(test: EnduranceTest, display: Display) -> Fact:
     shown = test.to_json()
     state, ended = str(shown["state"]), shown["ended_by"]
     cycles = f"{shown['cycles_run']:,}" if ended else f"{shown['cycles_run']:,} of {shown['cycles_planned']:,}"
@@ -86,7 +86,7 @@ def _endurance_fact(test: EnduranceTest) -> Fact:
     for rule in test.ledger.rules:
         last = test.ledger.followed(rule).last
         if last is not None:
-            parts.append(f"{rule.kind.words} {_value(rule, last)} (limit {_value(rule, rule.limit)})")
+            parts.append(f"{rule.kind.words} {_value(rule, last, display)} (limit {_value(rule, rule.limit, display)})")
         elif test.ledger.why_not_evaluated(rule):
             parts.append(f"{rule.kind.words} not evaluated")
     return Fact(cycles, "; ".join(parts), {COMPLETE: GOOD, ENDED: FAIR}.get(state, PLAIN))
@@ -110,7 +110,7 @@ def _counts(test: EnduranceTest) -> Blocks:
     return [Facts(tuple(facts)), *notes]
 
 
-def _rules(test: EnduranceTest) -> Blocks:
+def _rules(test: EnduranceTest, display: Display) -> Blocks:
     rows, notes = [], list[str]()
     for rule in test.ledger.rules:
         followed = test.ledger.followed(rule)
@@ -118,8 +118,8 @@ def _rules(test: EnduranceTest) -> Blocks:
             notes.append(f"{capitalised(rule.kind.words)} was not evaluated: {why}.")
         last = np.nan if followed.last is None else followed.last
         cycles, interval = _forecast(followed.forecast)
-        shown = _value(rule, last, followed.uncertainty)
-        cells = (capitalised(rule.kind.words), _value(rule, rule.limit), shown, cycles, interval)
+        shown = _value(rule, last, display, followed.uncertainty)
+        cells = (capitalised(rule.kind.words), _value(rule, rule.limit, display), shown, cycles, interval)
         rows.append(Row(cells, _severity(rule, last, reached=followed.forecast.state == "reached")))
     return [table(RULE_HEAD, rows), *(Note(FAIR, note) for note in notes)] if rows else []
 
@@ -128,11 +128,12 @@ def _severity(rule: StopRule, last: float, *, reached: bool) -> Severity:
     return POOR if reached else FAIR if last >= NEAR_LIMIT * rule.limit else PLAIN
 
 
-def _value(rule: StopRule, value: float, uncertainty: float = np.nan) -> str:
+def _value(rule: StopRule, value: float, display: Display, uncertainty: float = np.nan) -> str:
+    """A share in % with its uncertainty, or a temperature in the unit of the display."""
     if not np.isfinite(value):
         return NOTHING
     if not rule.kind.relative:
-        return f"{number(value, 3)} degC"
+        return f"{number(display.temperature.value(value), 3)} {display.temperature.unit}"
     about = f" ± {number(100.0 * uncertainty, 2)}" if np.isfinite(uncertainty) else ""
     return f"{number(100.0 * value, 3)}{about} %"
 
@@ -197,7 +198,9 @@ def _columns(sections: Sections, display: Display) -> Iterator[tuple[str, Axis, 
     yield "Energy per cycle", Axis("Energy", energy.unit), np.asarray(energy.value(medians["energy"]))
     yield "Friction", force, np.asarray(display.force.value(medians["friction"]))
     yield "Mean force", force, np.asarray(display.force.signed(medians["mean_force"]))
-    yield "Coil temperature", Axis("Temperature", "degC"), medians["temperature"]
+    temperature = display.temperature
+    coil = np.asarray(temperature.value(medians["temperature"]))
+    yield "Coil temperature", Axis("Temperature", temperature.unit), coil
 
 
 def _rule_figures(test: EnduranceTest) -> Iterator[Figure]:

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from rig.display import Display
 from rig.document.blocks import Block, Blocks, Card, Cards, Figures, Heading, Keys, Paragraph
-from rig.document.figure import Axis, Figure, Range, Style, Trace, span
+from rig.document.figure import Axis, Figure, Range, Style, Trace, span, thinned
 from rig.document.numbers import number
 from rig.document.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
 from rig.document.words import Key, Label, Span, Strong, verdict
@@ -19,6 +19,8 @@ from rig.signals.arrays import FloatArray
 from rig.test_point import HYBRID, SIGNAL
 
 K = TypeVar("K", bound=Hashable)
+MOST_COMPARED = 8
+"""Motions that are drawn in one figure."""
 MOST_ON_PAGES = 5
 """Motions whose loops are on the first two printed pages."""
 
@@ -71,14 +73,9 @@ def overlays(views: Sequence[PointView]) -> Overlays:
     drawn = [view for view in views if view.loop is not None and view.point.endurance is None]
     if not drawn:
         return Overlays()
-    display, currents = drawn[0].display, levels_of(drawn)
+    currents = levels_of(drawn)
     motions = _grouped(sorted(drawn, key=_speed), lambda view: view.group)
-    cards = [
-        Card(Strong(motion), (Figures((
-            _overlay(group, currents, displacement_axis(display), displacement_of, f"Force vs. displacement, {motion}"),
-            _overlay(group, currents, velocity_axis(display), velocity_of, f"Force vs. velocity, {motion}"),
-        ), across=2),)) for motion, group in motions
-    ]  # fmt: skip
+    cards = [_both(motion, group, _by_current(currents)) for motion, group in motions]
     places = sorted({round(k * (len(cards) - 1) / max(MOST_ON_PAGES - 1, 1)) for k in range(MOST_ON_PAGES)})
     first = places if len(cards) > MOST_ON_PAGES else range(len(cards))
     keys: Blocks = [Keys(current_keys(currents), "One measured cycle at ")] if len(currents) > 1 else []
@@ -89,22 +86,55 @@ def overlays(views: Sequence[PointView]) -> Overlays:
     )  # fmt: skip
 
 
+def all_motions(views: Sequence[PointView]) -> Blocks:
+    """The loops of all motions at one current in one figure, a card for each current; empty for a single motion.
+
+    Of many motions, evenly many between the slowest and the fastest are drawn.
+    """
+    drawn = [view for view in views if view.loop is not None and view.point.endurance is None and view.standard]
+    names = [name for name, _ in _grouped(sorted(drawn, key=_speed), lambda view: view.group)]
+    names = [names[place] for place in thinned(len(names), MOST_COMPARED)]
+    levels = _grouped([view for view in drawn if view.group in names], lambda view: view.level_A)
+    compared = [(level_A, group) for level_A, group in sorted(levels) if len({view.group for view in group}) > 1]
+    if not compared:
+        return []
+    colours = {name: current_colour(place, len(names)) for place, name in enumerate(names)}
+    cards = tuple(
+        _both(f"{number(level_A)} A", sorted(group, key=_speed), lambda view: colours[view.group])
+        for level_A, group in compared
+    )
+    keys = tuple(Key(name, colour) for name, colour in colours.items())
+    return [Heading("Loops of all motions"), Keys(keys, "One measured cycle of "), Cards(cards, large=True)]
+
+
 def _speed(view: PointView) -> float:
     return view.point.amplitude_m * view.point.frequency_Hz
 
 
+def _by_current(currents: Sequence[float]) -> Callable[[PointView], str]:
+    return lambda view: current_colour(list(currents).index(view.level_A), len(currents))
+
+
+def _both(title: str, group: Sequence[PointView], colour: Callable[[PointView], str]) -> Card:
+    """Loops over displacement and over velocity, beside each other."""
+    display = group[0].display
+    return Card(Strong(title), (Figures((
+        _overlay(group, colour, displacement_axis(display), displacement_of, f"Force vs. displacement, {title}"),
+        _overlay(group, colour, velocity_axis(display), velocity_of, f"Force vs. velocity, {title}"),
+    ), across=2),))  # fmt: skip
+
+
 def _overlay(
-    group: Sequence[PointView], currents: Sequence[float], along: Axis,
+    group: Sequence[PointView], colour: Callable[[PointView], str], along: Axis,
     values: Callable[[Loop, Display], FloatArray], title: str, *, fitted: bool = False,
     size: tuple[int, int] = (360, 225),
 ) -> Figure:
-    """One motion's loops in one figure; with the fit dashed over them where that is wanted."""
+    """Several loops in one figure; with the fit dashed over them where that is wanted."""
     traces = []
     for view in sorted(group, key=lambda view: view.level_A):
         if view.loop is not None:
-            colour = current_colour(list(currents).index(view.level_A), len(currents))
             x, force = values(view.loop, view.display), view.display.force.signed(view.loop.force_N)
-            traces.append(Trace(x, force, name=f"{view.level_A:g} A, {view.point.id}", colour=colour))
+            traces.append(Trace(x, force, name=f"{view.level_A:g} A, {view.point.id}", colour=colour(view)))
     for view in group if fitted else ():
         if view.loop is not None and view.loop.fitted_N is not None:
             x, force = values(view.loop, view.display), view.display.force.signed(view.loop.fitted_N)
@@ -127,7 +157,7 @@ def overview_figures(views: Sequence[PointView]) -> list[tuple[PointView, Figure
     drawn = [view for view in views if view.loop is not None]
     currents = levels_of(drawn)
     return [
-        (group[0], _overlay(group, currents, velocity_axis(group[0].display), velocity_of,
+        (group[0], _overlay(group, _by_current(currents), velocity_axis(group[0].display), velocity_of,
                             f"Force vs. velocity, {motion}", fitted=True, size=(400, 270)))
         for motion, group in _grouped(drawn, lambda view: view.group)
     ]  # fmt: skip

@@ -27,6 +27,8 @@ FILLED = 0.6
 """Share of the motions and currents that were tested together, from which on they are rows and columns."""
 MOST_ROWS = 22
 """Of a table, on the first page; all tests are in the table of test points."""
+NOTABLE = 0.005
+"""Relative difference of velocities that is explained."""
 SHARE = 0.47
 """Of the page's width, for the plot."""
 TITLE = "Forces and peak-velocity plot (PVP)"
@@ -185,6 +187,12 @@ def _note(tables: Sequence[ForceTable], display: Display, gas: str) -> Paragraph
         "standard uncertainty (variation between cycles; calibration not included) and at most four digits.",
         f"Forces are positive in {display.positive}.",
     ]
+    faster = max((row.speed_m_s / row.requested_m_s(one.waveform) for one in tables for row in one.rows), default=1.0)
+    if faster > 1.0 + NOTABLE and any(one.kind == CONSTANT_VELOCITY for one in tables):
+        lines.append(
+            "Velocities are measured. At constant velocity they can exceed that of an ideal triangle of the same "
+            f"size (here by up to {100.0 * (faster - 1.0):.2g} %), because the reversals are rounded."
+        )
     if any(cell.rebound_N < 0.0 for one in tables for _, _, cell in one.tested):
         sign = "positive" if display.positive == "compression" else "negative"
         lines.append(f"A {sign} rebound force means that the gas force exceeds the damping force.")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.characteristics.loop import LoopCharacteristics
+from rig.comparison.readings import QUANTITIES, calibration_percent
 from rig.display import SI, Display, Shown
 from rig.document import blocks
 from rig.document.blocks import Blocks, Details, Items, Paragraph, section
@@ -110,13 +111,17 @@ POINT = words("Point", lambda view: view.point.id)
 
 
 def _of_standard(
-    title: str, unit: str, read: Callable[[LoopCharacteristics, Display], tuple[float, float]], shown: str = "",
+    title: str, key: str, read: Callable[[LoopCharacteristics, Display], tuple[float, float]], shown: str,
 ) -> Column:
-    """A column of a result of the standard tests, with its standard uncertainty, both as they are shown."""
+    """A column of a result of the standard tests (a quantity of a comparison), with its standard uncertainty."""
     def cell(view: PointView) -> Words:
-        return NOTHING if view.standard is None else with_uncertainty(*read(view.standard, view.display))
+        if view.standard is None:
+            return NOTHING
+        value, std = read(view.standard, view.display)
+        percent = calibration_percent(QUANTITIES[key], view.point)
+        return with_uncertainty(value, math.hypot(std, 0.01 * percent * value) if percent > 0.0 else std)
 
-    return Column(title, unit, cell, shown=shown)
+    return Column(title, "", cell, shown=shown)
 
 
 def _peak(of: int) -> Callable[[PointView], Words]:
@@ -139,13 +144,13 @@ TEST_POINTS = (
         view.display.speed.value(view.standard.peak_speed_m_s), 3), shown="speed"),
     Column("Peak rebound", "", _peak(0), shown="force"),
     Column("Peak compression", "", _peak(1), shown="force"),
-    _of_standard("Rebound at peak velocity", "", lambda loop, display: (
+    _of_standard("Rebound at peak velocity", "rebound_force", lambda loop, display: (
         display.force.signed(loop.rebound_N.value), display.force.value(loop.rebound_N.std)), "force"),
-    _of_standard("Compression at peak velocity", "", lambda loop, display: (
+    _of_standard("Compression at peak velocity", "jounce_force", lambda loop, display: (
         display.force.signed(loop.jounce_N.value), display.force.value(loop.jounce_N.std)), "force"),
-    _of_standard("Energy", "", lambda loop, display: (
+    _of_standard("Energy", "energy", lambda loop, display: (
         display.energy.value(loop.energy_J.value), display.energy.value(loop.energy_J.std)), "energy"),
-    _of_standard("Damping", "", lambda loop, display: (
+    _of_standard("Damping", "damping", lambda loop, display: (
         display.damping.value(loop.equivalent_damping_N_s_m.value),
         display.damping.value(loop.equivalent_damping_N_s_m.std)), "damping"),
     Column("Model error", "%", lambda view: number(view.error_percent, 3)),
@@ -163,9 +168,9 @@ def points_table(views: Sequence[PointView]) -> Blocks:
     """The one table of points: motion, forces, error of the fit, verdict and reasons."""
     note = (
         f"Peak rebound and compression: largest force of the mean cycle in each direction. {PLUS_MINUS}: one standard "
-        "uncertainty due to the variation between cycles. Damping: coefficient of the viscous damper that dissipates "
-        "the same energy. Model error: RMS error of the test as a percentage of its force amplitude, which is the "
-        "largest deviation of the force from its mean."
+        "uncertainty due to the variation between cycles and to the calibration, if its uncertainty is stated. "
+        "Damping: coefficient of the viscous damper that dissipates the same energy. Model error: RMS error of the "
+        "test as a percentage of its force amplitude, which is the largest deviation of the force from its mean."
     )
     few = [view.standard.cycles for view in views if view.standard is not None and view.standard.cycles <= FEW_CYCLES]
     if few:
@@ -225,6 +230,16 @@ ACHIEVED = (
 )  # fmt: skip
 
 
+ACHIEVED_NOTES = (
+    ("Measured", f"Amplitude: mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle."),
+    ("Command correction", "Command correction: commanded amplitude relative to the requested amplitude."),
+    ("Phase", "Phase: measured displacement relative to the controller's set-point."),
+    ("Distortion", "Distortion: harmonics 2 to 9 in addition to those of the ideal waveform."),
+    ("Cycles", "Cycles: full cycles measured; forces are evaluated without the first and the last."),
+)
+"""Column -> its explanation, which is printed with the column."""
+
+
 def _current(current: CurrentQuality) -> str:
     if current.mean_A is None:
         return NOTHING
@@ -236,17 +251,16 @@ def point_details(views: Sequence[PointView], log: Sequence[Mapping[str, Any]]) 
     moved = [view for view in views if view.point.quality.motion.amplitude_m is not None]
     parts: list[blocks.Block] = []
     if moved:
-        step_K = number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)
-        note = (
-            f"Amplitude: mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Command "
-            "correction: commanded amplitude relative to the requested amplitude. Phase: measured displacement "
-            "relative to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal "
-            f"waveform. The ECU reports coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; "
-            "the sensor's own error is not included. The values for each cycle are stored in the point file."
-        )
-        parts.append(Details("Achieved motion, current and temperature", (
-            Paragraph(note, small=True), point_table(ACHIEVED, moved),
-        )))  # fmt: skip
+        achieved = point_table(ACHIEVED, moved)
+        columns = {column.title for column in achieved.columns}
+        note = " ".join(text for title, text in ACHIEVED_NOTES if title in columns)
+        if "Coil, highest" in columns and not all(view.point.imported for view in moved):
+            step_K = number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)
+            note += (
+                f" The ECU reports coil temperature with a quantisation error of up to {PLUS_MINUS}{step_K} K; the "
+                "sensor's own error is not included."
+            )
+        parts.append(Details("Achieved motion, current and temperature", (Paragraph(note, small=True), achieved)))
     parts += time_base(views)
     lines = [
         str(line.get("text", NOTHING)) for line in log

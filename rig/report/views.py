@@ -195,15 +195,15 @@ def view_of(
 def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
     count = len(measured.u_m)
     per_cycle = min(measured.samples_per_cycle or count, count)
-    start = (count // per_cycle // 2) * per_cycle
-    start = min(start, count - per_cycle)
+    start = (count // per_cycle - 1) // 2 * per_cycle
     cyclic = measured.samples_per_cycle > 0
-    chosen = start + thinned(min(per_cycle + 1, count - start), DRAWN_OF_CYCLE if cyclic else DRAWN_OF_RECORD)
+    places = thinned(per_cycle + 1, DRAWN_OF_CYCLE) if cyclic else thinned(count, DRAWN_OF_RECORD)
+    chosen = np.where(start + places < count, start + places, start)  # the only cycle closes with its first sample
     force = np.where(measured.scored, measured.force_N, np.nan)
     if fitted_N is not None and not cyclic:  # a record's ends are driven, and not judged
         fitted_N = np.where(measured.scored, fitted_N, np.nan)
     return Loop(
-        phase=(chosen - start) / per_cycle, displacement_mm=1e3 * measured.u_m[chosen],
+        phase=places / per_cycle, displacement_mm=1e3 * measured.u_m[chosen],
         velocity_m_s=measured.v_m_s[chosen], force_N=force[chosen],
         fitted_N=None if fitted_N is None else fitted_N[chosen],
     )

@@ -236,7 +236,27 @@ function choose(id) { // selects a point, or deselects it
   if (place >= 0) selected[place] = null; else select(id);
   show_selection();
 }
-function show_selection() { for (const one of run ? run.points : []) show_row(one.id, one); one_stop(); strips.reset(); legends(); drawn_at = 0; redraw(); }
+// The finished points at the current of the one that was selected last, evenly spread where there are many.
+function at_one_current() {
+  const files = run ? run.points.filter((one) => results[one.id] && results[one.id].file && isFinite(one.current_A)) : [];
+  const last = selected.filter(Boolean).reduce((newest, one) => newest && newest.number > one.number ? newest : one, null);
+  const one = files.find(({ id }) => last && id === last.id) || files[files.length - 1];
+  const found = files.filter(({ current_A }) => Math.abs(current_A - one.current_A) < 0.02), count = Math.min(OVERLAYS, found.length);
+  return Array.from({ length: count }, (_, place) => found[count > 1 ? Math.round(place * (found.length - 1) / (count - 1)) : 0]);
+}
+function offer_overlay() {
+  const found = at_one_current(), several = selected.filter(Boolean).length > 1, button = by_id("overlay");
+  button.hidden = found.length < 2 && !several;
+  button.textContent = several ? "Hide loops" : found.length ? `All loops at ${plain(found[0].current_A)} A` : "";
+}
+function overlay() {
+  const found = at_one_current(), several = selected.filter(Boolean).length > 1;
+  selected = []; answer("");
+  for (const { id } of several ? [] : found) select(id);
+  show_selection();
+}
+by_id("overlay").onclick = overlay;
+function show_selection() { offer_overlay(); for (const one of run ? run.points : []) show_row(one.id, one); one_stop(); strips.reset(); legends(); drawn_at = 0; redraw(); }
 function deselect_all() { selected = []; shown_at_end = false; show_selection(); }
 function refresh_selected() { // a point that was repeated has another file
   for (const one of selected) if (one && one.stamp !== stamp(one.id)) { one.stamp = stamp(one.id); say({ do: "recorded", point: one.id }); }

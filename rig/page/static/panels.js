@@ -40,6 +40,7 @@ function matrix() {
     for (const one of points) { const row = element("li"); row.dataset.id = one.id; rows.set(one.id, row); by_id("matrix").append(row); }
   }
   for (const one of points) show_row(one.id, one);
+  offer_overlay();
   one_stop();
   const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length, stopped = judged.filter(([, one]) => one.stopped).length;
   by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length - stopped} of ${points.length} done${stopped ? `, ${stopped} stopped` : ""}; specimen ${run.specimen}` : "";
