@@ -225,8 +225,8 @@ def test_a_force_that_changes_its_sign_or_comes_near_zero_is_stated_in_newtons_i
     summary = compared.to_json()["summary"][0]["rebound_force"]
     assert (summary["tests"], summary["absolute"], summary["median_percent"]) == (2, 2, None)
     assert summary["median"] == pytest.approx(changed_N / 2, abs=0.3)
-    assert compared.to_json()["summary"][0]["jounce_force"]["absolute"] == 0
-    assert any("all changes of the rebound force are stated in N" in remark for remark in compared.remarks)
+    assert compared.to_json()["summary"][0]["jounce_force"]["absolute"] == 2, "both directions have one unit"
+    assert sum(" are stated in N, " in remark for remark in compared.remarks) == 1
     judgement = compare(runs, bands('[[rebound_force]]\nmost_change = "15 %"\n')).judgement
     assert judgement is not None
     wide = next(result for result in judgement.results if "p001" in result.points and result.run == "after")
@@ -246,7 +246,7 @@ def test_an_unmeasured_gas_force_that_leaves_8_percent_of_a_force_gives_no_perce
     assert rebound is not None
     assert jounce is not None
     assert (math.isnan(rebound.percent), rebound.value) == (True, pytest.approx(57.0, abs=0.3))
-    assert jounce.percent == pytest.approx(-24.5, abs=0.3)
+    assert (math.isnan(jounce.percent), jounce.value) == (True, pytest.approx(57.0, abs=0.3))
     assert "57 N" in comparison_page(compared)
 
 
