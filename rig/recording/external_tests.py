@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,6 +42,10 @@ MORE_SHEETS = 2
 """So many further sheets that do not fit are shown, with their first problem each."""
 FEWEST_ROWS = 16
 NO_TIME = "time: no column specified. Fix: write --column time=NAME, or --rate '1 kHz' if there is no time column"
+DIRECTIONS = tuple(re.compile(rf"(?i)(?<![a-z])({words})(?![a-z])") for words in (
+    r"reb(?:ound)?", r"comp(?:r(?:ession)?)?|jounce|bump",
+))  # fmt: skip
+"""Names of forces by direction: a recording has one force, a table of peak values has one for each direction."""
 SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
 """Sample rates of damper tests."""
 #: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
@@ -471,15 +476,20 @@ def _no_time(opened: TableFile) -> str:
             most = max(most, *map(len, opened.values([place])))
         if most >= FEWEST_ROWS:
             break
-    if 0 < most < FEWEST_ROWS:
-        return _too_short_for_samples(most)
+    if table := _peak_values(opened, most):
+        return table
     with contextlib.suppress(FileProblem):
         if opened.own_time(places[:1]) is not None:
             return ""
     return NO_TIME
 
 
-def _too_short_for_samples(rows: int) -> str:
+def _peak_values(opened: TableFile, rows: int) -> str:
+    """What to do about a table without time that is no recording; empty for any other table."""
+    names = [f"{column.name} {column.full}" for column in opened.columns]
+    by_direction = all(any(word.search(name) for name in names) for word in DIRECTIONS)
+    if not rows or (rows >= FEWEST_ROWS and not by_direction):
+        return ""
     return (
         f"{rows} rows without a time column look like a table of peak values, not like a recording of samples. Fix: "
         f"import the recorded samples of each test (displacement and force over time, at least {FEWEST_ROWS} rows)"
@@ -550,8 +560,7 @@ def _table(
             return _together(file, opened, choices, table, time_s, notes)
         if time_s is None:
             hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]).values())
-            short = not hint and rows < FEWEST_ROWS
-            raise FileProblem(str(file), [_too_short_for_samples(rows) if short else f"{NO_TIME}{hint}"])
+            raise FileProblem(str(file), [f"{NO_TIME}{hint}" if hint else _peak_values(opened, rows) or NO_TIME])
         table["time"] = time_s
     check_equal_lengths(file, list(table), [len(values) for values in table.values()])
     rows = len(table["time"])

@@ -235,7 +235,7 @@ ACHIEVED_NOTES = (
     ("Command correction", "Command correction: commanded amplitude relative to the requested amplitude."),
     ("Phase", "Phase: measured displacement relative to the controller's set-point."),
     ("Distortion", "Distortion: harmonics 2 to 9 in addition to those of the ideal waveform."),
-    ("Cycles", "Cycles: full cycles measured; forces are evaluated without the first and the last."),
+    ("Cycles", "Cycles: full cycles measured; of three or more, forces are evaluated without the first and the last."),
 )
 """Column -> its explanation, which is printed with the column."""
 

@@ -70,11 +70,11 @@ def test_counts_rules_and_forecast_are_shown() -> None:
 
 
 def test_the_summary_states_cycles_and_stop_rules() -> None:
-    (running,) = endurance_facts([weakening(np.linspace(1000.0, 900.0, 20))])
+    (running,) = endurance_facts([weakening(np.linspace(1000.0, 900.0, 20))], SI)
     assert (str(running.value), str(running.meaning)) == (
         "200 of 1,000", "cycles of the endurance test wear; decrease of the peak force 5.26 % (limit 20 %)"
     )
-    (ended,) = endurance_facts([weakening(np.linspace(1000.0, 600.0, 20))])
+    (ended,) = endurance_facts([weakening(np.linspace(1000.0, 600.0, 20))], SI)
     assert str(ended.value) == "200"
     assert str(ended.meaning) == (
         "cycles of the endurance test wear, of 1,000 planned; ended by a stop rule: decrease of the peak force; "

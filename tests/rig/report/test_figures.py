@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
+from rig.document.blocks import Cards, Figures
 from rig.document.drawing import Line, drawing_of
 from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.plot import Plot
@@ -18,27 +19,49 @@ from rig.export import export
 from rig.extras import how_to_install
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
-from rig.report import figures
+from rig.recording.run import Run
+from rig.report import figures, loops
+from rig.report.document import Material
+
+
+def write_point(run: Path, name: str, current_A: float, damping_N_s_m: float, frequency_Hz: float = 1.0) -> None:
+    """A point of a viscous damper at 20 mm: six seconds of a sine between two rests."""
+    time_s = np.arange(1600) / 250.0
+    phase = 2 * np.pi * frequency_Hz * np.clip(time_s - 0.2, 0.0, 6.0)
+    moves = (phase > 0) & (phase < 12 * np.pi * frequency_Hz)
+    force_N = damping_N_s_m * 0.02 * 2 * np.pi * frequency_Hz * np.cos(phase) * moves
+    (run / "points").mkdir(exist_ok=True)
+    write_file(run / "points" / f"{name}.h5", PointFile(
+        time_s, 250.0,
+        [AlignedChannel("displacement", 0.02 * np.sin(phase), "m", "Damper extension"),
+         AlignedChannel("force", force_N, "N", "Force"),
+         AlignedChannel("current", np.full(1600, current_A), "A", "Current")],
+        test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz,
+              "current_A": current_A, "mid_stroke_m": 0.0},
+        quality={"verdict": "valid", "reasons": ()}, provenance={},
+    ))  # fmt: skip
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """Two currents of a viscous damper, 500 and 900 N s/m, at 20 mm and 1 Hz."""
-    (tmp_path / "points").mkdir()
-    for name, current_A, damping_N_s_m in (("p001", 0.0, 500.0), ("p002", 1.0, 900.0)):
-        time_s = np.arange(1600) / 250.0
-        phase = 2 * np.pi * np.clip(time_s - 0.2, 0.0, 6.0)
-        force_N = damping_N_s_m * 0.02 * 2 * np.pi * np.cos(phase) * ((phase > 0) & (phase < 12 * np.pi))
-        write_file(tmp_path / "points" / f"{name}.h5", PointFile(
-            time_s, 250.0,
-            [AlignedChannel("displacement", 0.02 * np.sin(phase), "m", "Damper extension"),
-             AlignedChannel("force", force_N, "N", "Force"),
-             AlignedChannel("current", np.full(1600, current_A), "A", "Current")],
-            test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": 1.0, "current_A": current_A,
-                  "mid_stroke_m": 0.0},
-            quality={"verdict": "valid", "reasons": ()}, provenance={},
-        ))  # fmt: skip
+    write_point(tmp_path, "p001", 0.0, 500.0)
+    write_point(tmp_path, "p002", 1.0, 900.0)
     return tmp_path
+
+
+def test_loops_of_two_motions_at_one_current_are_closed_and_in_one_chart(run: Path) -> None:
+    write_point(run, "p003", 1.0, 900.0, frequency_Hz=2.0)
+    (cards,) = [block for block in loops.all_motions(Material.of(Run.open(run)).views) if isinstance(block, Cards)]
+    (card,) = cards.cards
+    (charts,) = [block for block in card.blocks if isinstance(block, Figures)]
+    over_displacement, over_velocity = [one for one in charts.figures if isinstance(one, Figure)]
+    for figure in (over_displacement, over_velocity):
+        assert [trace.name for trace in figure.traces] == ["1 A, p002", "1 A, p003"]
+    forces_N = [900.0 * 0.02 * 2 * np.pi * frequency_Hz for frequency_Hz in (1.0, 2.0)]
+    for trace, force_N in zip(over_displacement.traces, forces_N, strict=True):
+        assert np.nanmax(trace.y) == pytest.approx(force_N, rel=5e-3)
+        assert (trace.x[-1], trace.y[-1]) == (pytest.approx(trace.x[0], abs=0.2), pytest.approx(trace.y[0], rel=0.01))
 
 
 def test_one_call_gives_every_figure_of_the_report_with_its_arrays(run: Path) -> None:
