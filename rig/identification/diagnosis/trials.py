@@ -25,6 +25,7 @@ from rig.identification.models.model_slope import modelled_force
 from rig.identification.series_spring import ComplianceCorrection
 from rig.signals.test_set import CurrentReading, current_levels
 
+FEWEST_OF_LEVEL = 4  # tests at one level of current, from which on one of them may be in the wrong part
 WORTH_PARTING = 0.5  # share of the misfit of two dampers, of the fitted tests at most and of tests left out
 MOST_BENDS = 3
 OTHER_AMPLITUDE = 1.2  # smallest stroke or speed of some tests over the largest of the others, from which they differ
@@ -299,11 +300,19 @@ def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray)
 
 
 def is_level_of_current(tests: Sequence[Measurement], second: BoolArray) -> bool:
-    """Whether one part is all tests at one level of current: what a model lacks there parts them like that."""
-    levels = current_levels([test.current or CurrentReading(float(np.mean(test.current_A))) for test in tests])
-    parts = [{level for level, side in zip(levels.of_test, second.tolist(), strict=True) if side == which}
-             for which in (True, False)]  # fmt: skip
-    return not parts[0] & parts[1] and any(len(part) == 1 for part in parts)
+    """Whether one part is all tests at one level of current: what a model lacks there parts them like that.
+
+    Where the level has `FEWEST_OF_LEVEL` tests or more, one test may be in the wrong part.
+    """
+    read = current_levels([test.current or CurrentReading(float(np.mean(test.current_A))) for test in tests])
+    of_test = np.array([-1 if level is None else level for level in read.of_test])
+    levels, counts = np.unique(of_test, return_counts=True)
+
+    def parts(level: int, count: int) -> bool:
+        wrong = int(np.count_nonzero((of_test == level) != second))
+        return min(wrong, second.size - wrong) <= (1 if count >= FEWEST_OF_LEVEL else 0)
+
+    return len(levels) > 1 and any(map(parts, levels.tolist(), counts.tolist()))
 
 
 def _all_above(values: FloatArray, second: BoolArray, by: float) -> bool:

@@ -203,6 +203,11 @@ def test_all_tests_at_one_current_are_no_second_damper() -> None:
     zero = np.array([test.nominal_current_A == 0.0 for test in tests])
     part_of_zero = zero & (np.arange(len(tests)) > 0)
     assert [is_level_of_current(tests, second) for second in (zero, ~zero, part_of_zero)] == [True, True, False]
+    more = [*tests, *(test for test in tests if test.nominal_current_A == 0.0)]
+    zero = np.array([test.nominal_current_A == 0.0 for test in more])
+    stray, two_strays = zero.copy(), zero.copy()
+    stray[np.flatnonzero(~zero)[0]] = two_strays[np.flatnonzero(~zero)[:2]] = True
+    assert [is_level_of_current(more, second) for second in (stray, two_strays, ~stray)] == [True, False, True]
 
 
 def test_a_model_that_does_not_have_the_amplitude_makes_no_second_damper() -> None:
