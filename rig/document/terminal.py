@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from rig.document import blocks as b
-from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity, Words, plain
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity, Words, typed
 
 Line = tuple[str, str]
 """A text without line end, and its style (of rich)."""
@@ -42,7 +42,7 @@ def wrapped(text: Words, width: int, style: str = "") -> Iterator[Line]:
     wrapper = textwrap.TextWrapper(
         max(NARROWEST, width), subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
     )
-    for part in plain(text).split("\n"):
+    for part in typed(text).split("\n"):
         for line in wrapper.wrap(part):
             yield line, style
 
@@ -62,7 +62,7 @@ def _note(block: b.Note, width: int) -> Iterator[Line]:
 
 def _facts(block: b.Facts, width: int) -> Iterator[Line]:
     for fact in block.facts:
-        yield from wrapped(f"{plain(fact.value)}: {plain(fact.meaning)}", width, STYLES[fact.severity])
+        yield from wrapped(f"{typed(fact.value)}: {typed(fact.meaning)}", width, STYLES[fact.severity])
 
 
 def _cards(block: b.Cards, width: int) -> Iterator[Line]:
@@ -77,7 +77,7 @@ def _properties(block: b.Properties, width: int) -> Iterator[Line]:
 
 def _items(block: b.Items, width: int) -> Iterator[Line]:
     for item in block.items:
-        yield from wrapped(f"- {plain(item)}", width)
+        yield from wrapped(f"- {typed(item)}", width)
 
 
 def _listing(block: b.Listing, _width: int) -> Iterator[Line]:
@@ -118,7 +118,7 @@ def _nothing(_block: b.Block, _width: int) -> Iterator[Line]:
 
 def _table(block: b.Table, width: int) -> Iterator[Line]:
     yield from wrapped(block.title, width, HEAD) if block.title else ()
-    cells = [tuple(map(plain, row.cells)) for row in block.rows]
+    cells = [tuple(map(typed, row.cells)) for row in block.rows]
     heads = [[column.label] for column in block.columns]
     sizes = [max(map(len, _lines_of(head, place, cells))) for place, head in enumerate(heads)]
     if sum(sizes) + len(sizes) - 1 > width:

@@ -95,6 +95,11 @@ def plain(words: Words) -> str:
     return "".join(str(part) for part in parts(words))
 
 
+def typed(words: Words) -> str:
+    """A text for a terminal: as `plain`, with the minus sign of a keyboard, so that numbers can be copied."""
+    return plain(words).replace(MINUS, "-")
+
+
 def joined(words: list[Words], separator: str) -> Words:
     """Several texts as one, with a separator between them."""
     together: list[str | Span] = []
