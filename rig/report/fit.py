@@ -149,7 +149,7 @@ def _prediction_error(fit: FitRecord, display: Display) -> Blocks:
         for current_A, width_N in zip(band.current_A, band.half_width_N, strict=True)
     ]  # fmt: skip
     head: list[Head] = [Column("Current", "A", True), Column("Prediction error", display.force.unit, True)]
-    return [table(head, rows, (0, 1)), Paragraph(f"Prediction error: {band.describe()}.", small=True)]
+    return [table(head, rows, (0, 1)), Paragraph(f"{band.describe()}.", small=True)]
 
 
 def quality(fit: FitRecord, display: Display = SI) -> Blocks:

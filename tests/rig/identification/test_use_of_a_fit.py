@@ -321,6 +321,18 @@ def test_a_fit_of_an_earlier_version_knows_no_range_and_says_so(fit: Fit, tmp_pa
         old.inverse(100.0, 0.1)
 
 
+def test_a_current_has_no_band_beyond_the_tests_and_that_of_the_residuals_in_older_fits(fit: Fit) -> None:
+    assert fit.tested is not None
+    speeds_m_s = [0.1, 5.0]
+    force_N = fit.predict({"displacement_m": 0.0, "velocity_m_s": speeds_m_s, "current_A": 1.0})["force_N"]
+    old = replace(fit, tested=replace(fit.tested, band=replace(fit.tested.band, left_out=0)))
+    for one in (fit, old):  # a controller with an older fit goes on resolving currents
+        answer = one.inverse(force_N.to_numpy(), speeds_m_s)
+        assert answer["extrapolates"].tolist() == [False, True]
+        assert answer[["low_A", "high_A"]].isna().all(axis=1).tolist() == [False, True]
+        assert answer["resolvable"].iloc[0]
+
+
 @pytest.mark.parametrize(
     "damage", ["[]", "{}", '{"model": "kwok", "parameters": {"a": 1}, "error": {}, "method": "x"}']
 )
