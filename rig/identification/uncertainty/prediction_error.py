@@ -61,7 +61,7 @@ def left_out_tests(best: Candidate, fitted: Sequence[Measurement], weight: str) 
                 predicted += _within(test, modelled_force(best.model, fold.values, test), fold.covered, number)
     except IdentificationFailed:  # the others do not determine the model
         return []
-    return predicted
+    return predicted if all(np.all(np.isfinite(one.error_N)) for one in predicted) else []
 
 
 def held_out_tests(
@@ -115,7 +115,7 @@ def error_band(
     pools = ((errors, FITTED_SHARE), (predicted, 1.0 - FITTED_SHARE))
     scores = np.concatenate([np.abs(one.error_N) / band.at(one.current_A) for pool, _ in pools for one in pool])
     weights = np.concatenate([
-        np.full(one.error_N.size, share / len(pool) / one.error_N.size) for pool, share in pools for one in pool
+        np.full(one.error_N.size, share / len(pool) / max(1, one.error_N.size)) for pool, share in pools for one in pool
     ])  # fmt: skip
     factor = max(1.0, _quantile(scores, weights, spread))
     widths = tuple(factor * width for width in band.half_width_N)
