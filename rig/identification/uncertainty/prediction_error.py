@@ -21,7 +21,7 @@ from rig.dampers.covered import Covered
 from rig.errors import IdentificationFailed
 from rig.fits.entries import Band
 from rig.identification.application.law import Law
-from rig.identification.cross_validation import folds_of
+from rig.identification.cross_validation import SAMPLES, folds_of
 from rig.identification.models.coverage import beyond
 from rig.identification.models.measurement import Measurement, first_cycle, recorded_errors, set_of
 from rig.identification.models.model_slope import modelled_force
@@ -50,6 +50,11 @@ class PredictedTest:
     motion: int
     current_A: FloatArray
     error_N: FloatArray
+
+    def thinned(self) -> PredictedTest:
+        """The same with about as few samples as left-out tests have."""
+        every = max(1, self.error_N.size // SAMPLES)
+        return PredictedTest(self.motion, self.current_A[::every], self.error_N[::every])
 
 
 def left_out_tests(best: Candidate, fitted: Sequence[Measurement], weight: str) -> list[PredictedTest]:
@@ -110,6 +115,7 @@ def error_band(
     band = _residual_band(fitted, errors)
     if not predicted:
         return band
+    errors = [one.thinned() for one in errors]
     count = len({one.motion for one in predicted})
     spread = 0.0 if to_the_noise else BETWEEN_MOTIONS * math.sqrt(2.0 / count)
     pools = ((errors, FITTED_SHARE), (predicted, 1.0 - FITTED_SHARE))
