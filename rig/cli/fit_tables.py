@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 
 from rig.cli.tables import number
+from rig.display import SI, Shown
 from rig.document.blocks import Block, Blocks, Column, Listing, Note, Paragraph, Row, Table, table
 from rig.document.words import FAIR, PLAIN, POOR
+from rig.files.run_display import run_display
 from rig.fits.entries import Cause, ErrorSummary, Estimate
 from rig.fits.fit_file import INTERVAL
 from rig.fits.fit_record import FitRecord
@@ -36,10 +38,11 @@ def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blo
 
 def fit_error(fit: FitRecord) -> str:
     """Model and error of a fit, in one line."""
+    force = _force(fit)
     unseen = "" if fit.holdout is None else f", {number(fit.holdout.nrmse_percent_of_peak, 3)} % for validation tests"
     tests = len(fit.error.per_test)
     of = "1 test" if tests == 1 else f"{tests} tests"
-    return f"Fit: {fit.model}, error {_measures(fit.error)} for {of}{unseen}"
+    return f"Fit: {fit.model}, error {_measures(fit.error, force)} for {of}{unseen}"
 
 
 def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blocks:
@@ -77,13 +80,15 @@ def _held_out(fit: FitRecord) -> list[Table]:
     """The error of each validation test; empty where there is none."""
     if fit.holdout is None or not fit.holdout.per_test:
         return []
+    force = _force(fit)
     head = [
-        Column("test"), Column("error", "% of ampl.", True), Column("RMSE", "N", True), Column("cycle SD", "N", True),
-        Column("outside the fitted data"),
+        Column("test"), Column("error", "% of ampl.", True), Column("RMSE", force.unit, True),
+        Column("cycle SD", force.unit, True), Column("outside the fitted data"),
     ]  # fmt: skip
     rows = []
     for test in fit.holdout.per_test:
-        values = (test.nrmse_percent_of_peak, test.rmse_N, test.noise_N)
+        forces = [None if value is None else force.value(value) for value in (test.rmse_N, test.noise_N)]
+        values = (test.nrmse_percent_of_peak, *forces)
         numbers = (number(value, 3) if value is not None and math.isfinite(value) else "-" for value in values)
         inside = "-" if test.beyond is None else "no"
         rows.append([test.id, *numbers, outside(test.beyond) or inside])
@@ -104,11 +109,12 @@ def _to_try(fit: FitRecord) -> Blocks:
 
 def _remarks(fit: FitRecord) -> Blocks:
     """Errors, what cannot be identified and why, warnings."""
-    lines: list[Block] = [Paragraph(f"error over {len(fit.error.per_test)} tests: {_measures(fit.error)}")]
+    force = _force(fit)
+    lines: list[Block] = [Paragraph(f"error over {len(fit.error.per_test)} tests: {_measures(fit.error, force)}")]
     if fit.test_set is not None:
         lines.append(Paragraph(f"{fit.test_set.statement}; {len(fit.test_set.motions)} motion(s)"))
     if fit.holdout is not None:
-        measures = f"{_measures(fit.holdout)}{extrapolated_words(fit.holdout)}"
+        measures = f"{_measures(fit.holdout, force)}{extrapolated_words(fit.holdout)}"
         lines.append(Paragraph(f"error on validation tests: {measures}"))
     if fit.adequate is False:
         lines.append(Note(POOR, INADEQUATE))
@@ -134,8 +140,13 @@ def _found(cause: Cause, place: int | None = None) -> Note:
     return Note(severity if place in {None, 1} else PLAIN, text)
 
 
-def _measures(error: ErrorSummary) -> str:
-    return f"RMSE {number(error.rmse_N, 3)} N, {number(error.nrmse_percent_of_peak, 3)} % of force amplitude"
+def _force(fit: FitRecord) -> Shown:
+    """How forces are shown in the run to which a fit belongs."""
+    return (SI if fit.path is None else run_display(fit.path.parent)).force
+
+
+def _measures(error: ErrorSummary, force: Shown) -> str:
+    return f"RMSE {force.text(error.rmse_N, 3)}, {number(error.nrmse_percent_of_peak, 3)} % of force amplitude"
 
 
 def _reasons(parameters: Mapping[str, Estimate]) -> list[str]:
