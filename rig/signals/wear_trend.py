@@ -221,13 +221,13 @@ def baselines_of(sections: Sections, run_in: float) -> dict[str, Baseline]:
         run_in: cycles of the running-in.
     """
     after = _first_of_block(sections) >= run_in
-    found = {
+    levels = {
         name: _level(values, sections.errors_of(name), sections.block, after)
         for name, values in sections.medians.items()
     }
-    larger = max((abs(found[name].level) for name in DIRECTIONS if math.isfinite(found[name].level)), default=0.0)
-    small = [name for name in DIRECTIONS if abs(found[name].level) < LEAST_OF_LARGER * larger]
-    return found | dict.fromkeys(small, Baseline(math.nan))
+    larger = max((abs(levels[name].level) for name in DIRECTIONS if math.isfinite(levels[name].level)), default=0.0)
+    small = [name for name in DIRECTIONS if abs(levels[name].level) < LEAST_OF_LARGER * larger]
+    return levels | dict.fromkeys(small, Baseline(math.nan))
 
 
 def baseline_of(sections: Sections, run_in: float) -> dict[str, float]:
@@ -301,15 +301,15 @@ def uncertainty_of(rule: StopRule, sections: Sections, run_in: float) -> float:
         sections: of the cycles that are compared.
         run_in: cycles of the running-in.
     """
-    baselines, found = baselines_of(sections, run_in), [(-np.inf, np.nan)]
+    baselines, changes_seen = baselines_of(sections, run_in), [(-np.inf, np.nan)]
     for name in rule.kind.quantities if rule.kind.relative else ():
         change = _quantity_change(rule, sections.medians[name], baselines[name].level)
         known = np.flatnonzero(np.isfinite(change))
         if known.size:
             seen = _scatter_seen(sections, name, baselines[name], known)
             wide = NORMAL * math.hypot(seen.baseline * (1.0 + abs(change[known[-1]])), max(seen.section, seen.between))
-            found.append((float(change[known[-1]]), wide or math.nan))
-    return max(found)[1]
+            changes_seen.append((float(change[known[-1]]), wide or math.nan))
+    return max(changes_seen)[1]
 
 
 def _quantity_reached(rule: StopRule, sections: Sections, name: str, baseline: Baseline) -> bool:
