@@ -297,7 +297,8 @@ def current_bandwidth_of(point: RecordedPoint) -> float | None:
 def _context(point: RecordedPoint) -> Mapping[str, Any]:
     """What the recording states of the bench; empty of an imported point."""
     context = point.provenance.get("context")
-    return json.loads(context) if isinstance(context, str) else {}
+    stated: Mapping[str, Any] = json.loads(context) if isinstance(context, str) else {}
+    return stated
 
 
 def _of_delay(delay_s: float | None) -> float | None:
