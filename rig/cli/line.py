@@ -226,6 +226,7 @@ class _Line:
         self.delivered()
         self._options.prepared.prepare()
         self._refuse_rest(serial_number)
+        self._ask_for_next(result)
         return result.exit_code != EXIT_UNKNOWN_STATE
 
     def _job(self, serial_number: str) -> JobResult:
@@ -291,6 +292,10 @@ class _Line:
             for remark in result.remarks:
                 self._say(remark, "yellow")
             self._say(f"{self._session.summary}. Takt of {result.serial_number}: {result.takt_s:.1f} s", "")
+
+    def _ask_for_next(self, result: LineResult) -> None:
+        """State what is accepted from now on: only once nothing that is entered is refused as entered during a test."""
+        with contextlib.suppress(OSError):
             if self._session.blocked and result.exit_code == EXIT_STOPPED:
                 self._say("The line is stopped. Eliminate the cause, then type `continue`.", "bold red")
             elif result.exit_code == EXIT_UNKNOWN_STATE:
