@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rig.matrix.sections import Identify
     from rig.test_point import TestPoint
 
-SEVERAL = ("all", "few")
+SEVERAL = ("all", "few", "grey")
 SEPARABLE = "separable"
 TEMPERATURE, SPRING = "temperature_law", "series_spring"
 AFFINE = "affine"

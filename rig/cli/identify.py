@@ -66,7 +66,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 @click.argument("runs", type=RunPath(), nargs=-1, required=True)
 @click.option(
     "--model",
-    help="Damper model; `few` compares five models, `all` compares all models.  [default: few, or asymmetric if any "
+    help="Damper model; `few` compares five models, `all` compares all models, `grey` adds a residual "
+         "to the best of `few` if it predicts better (also NAME+grey).  [default: few, or asymmetric if any "
          f"option specific to a single model is given (a search method, --current, {FLAGS}, --profile-of, "
          "--hysteresis printed)]",
 )

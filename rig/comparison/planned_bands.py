@@ -14,7 +14,7 @@ from rig.matrix.model import Matrix
 from rig.signals.test_set import same_motion
 from rig.test_point import FRICTION, LOOP
 
-SEVERAL = ("all", "auto", "few")
+SEVERAL = ("all", "auto", "few", "grey")
 """Models of `[identify]` that stand for several."""
 MOST_NAMED = 4
 

@@ -16,6 +16,7 @@ from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningB
 from rig.dampers.current_law_model import PLUS, with_law
 from rig.dampers.friction import DahlModel
 from rig.dampers.general_bouc_wen import GeneralizedBoucWenModel
+from rig.dampers.grey_box import named_parts, with_residual
 from rig.dampers.lost_motion import LostMotionModel
 from rig.dampers.lugre import LuGreModel
 from rig.dampers.model import DamperModel
@@ -136,15 +137,21 @@ def model(name: str, hysteresis: Hysteresis = "kwok") -> DamperModel:
     """The damper model called `name`.
 
     Args:
-        name: key of `MODELS`; behind it, after a plus, may stand a current law (`rig.dampers.current_law`).
+        name: key of `MODELS`; behind it, after a plus, may stand a current law (`rig.dampers.current_law`), then a
+            residual (`rig.dampers.grey_box`), such as `asymmetric+saturating+grey@slip,speed`.
         hysteresis: form of the tanh argument, "kwok" (beta v + delta sgn u) or "printed" (beta (v + lambda sgn u));
             models without that term take only "kwok".
 
     Raises:
         UnknownName: no such model, or the model has no printed form.
         UnknownLaw: no such current law.
+        UnknownPart: no such part of a residual.
         PlugInProblem: it is a plug-in's, and that cannot be used.
     """
+    grey = named_parts(name)
+    if grey is not None:
+        base, parts = grey
+        return with_residual(model(base, hysteresis), parts)
     if PLUS in name:
         base, _, law = name.partition(PLUS)
         return with_law(model(base, hysteresis), law)

@@ -18,6 +18,10 @@ class Integrable(Protocol):
     memories: ClassVar[int]
 
     @property
+    def first_memory(self) -> int:
+        """Place of the first of the memories among the states."""
+
+    @property
     def hysteresis(self) -> Hysteresis:
         """Argument of the tanh models' hysteresis."""
 

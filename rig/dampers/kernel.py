@@ -93,6 +93,8 @@ class Kernel:
         held: (p, state, instant, current, wanted) -> the force (N) that the current upholds while a wanted one, force
             (N) and its rate (N/s), acts: for models whose current changes the force only after a while, through the
             states. None: `force` says it.
+        whole: (p, state, u, v, a, current) -> force (N), for a model whose force needs more than two states; None:
+            `force` says it.
     """
 
     force: Compiled
@@ -101,6 +103,7 @@ class Kernel:
     loop: Compiled = _no_loop
     step: Compiled = _no_step
     held: Compiled | None = None
+    whole: Compiled | None = None
 
 
 @njit()
@@ -193,7 +196,34 @@ def kernel_of(model: Integrable) -> Kernel:
 
 
 @cache
-def _mover(kernel: Kernel) -> Compiled:
+def of_state(kernel: Kernel, states: int) -> Compiled:
+    """A model's force of its whole state, compiled: (p, state, u, v, a, current) -> force (N).
+
+    Args:
+        kernel: of the model.
+        states: number of its internal states; `state` may be longer.
+    """
+    force = kernel.force
+    if kernel.whole is not None:
+        return kernel.whole
+
+    @njit()
+    def without(p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float) -> float:
+        return float(force(p, 0.0, 0.0, u, v, a, current))
+
+    @njit()
+    def of_one(p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float) -> float:
+        return float(force(p, state[0], 0.0, u, v, a, current))
+
+    @njit()
+    def of_two(p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float) -> float:
+        return float(force(p, state[0], state[1], u, v, a, current))
+
+    return (without, of_one, of_two)[min(states, 2)]
+
+
+@cache
+def mover(kernel: Kernel) -> Compiled:
     """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt).
 
     Parts that the model does not have are omitted, because compiling them would also take time.
@@ -243,16 +273,14 @@ def advance_of(model: Integrable) -> Compiled:
     constant over it; current (A) is the coil's after its lag; dt (s): 0 returns the force without moving the state.
     """
     kernel = kernel_of(model)
-    force, move, has_states = kernel.force, _mover(kernel), model.states > 0
+    force, move, has_states = of_state(kernel, model.states), mover(kernel), model.states > 0
 
     @njit()
     def advance(p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
-        if not has_states:
-            return float(force(p, 0.0, 0.0, u, v, a, current))
-        if dt > 0.0:
+        if has_states and dt > 0.0:
             v0 = v - a * dt
             move(p, state, (u - v * dt + 0.5 * a * dt * dt, v0, a, 0.0, 0.0), v, current, dt)
-        return float(force(p, state[0], state[1] if state.size > 1 else 0.0, u, v, a, current))
+        return float(force(p, state, u, v, a, current))
 
     return advance
 
@@ -284,7 +312,7 @@ def _sampled(move: Compiled) -> Compiled:
 
 def sampled_step(model: Integrable) -> Compiled:
     """Advance of a model's state between two samples, compiled: (p, state, u, v, a, current, dt, start, stop)."""
-    return _sampled(_mover(kernel_of(model)))
+    return _sampled(mover(kernel_of(model)))
 
 
 ROOM = Path(__file__).parent
@@ -325,7 +353,8 @@ def series_of(model: Integrable) -> Compiled:
     its force.
     """
     loop = getattr(kernel_of(model).loop, "py_func", kernel_of(model).loop)
-    states, positions, memories = model.states, model.positions, model.memories
+    states, positions = model.states, model.positions
+    first_memory, memories = model.first_memory, model.memories
 
     def series(
         p: FloatArray,
@@ -347,7 +376,7 @@ def series_of(model: Integrable) -> Compiled:
         else:
             state = start.copy()
             if warm > 1:
-                state[state.size - memories :] = np.mean(np.abs(v[:warm]))
+                state[first_memory : first_memory + memories] = np.mean(np.abs(v[:warm]))
             _stepwise_of(model)(p, state, u, v, a, current, dt, warm if warm > 1 else 0, positions, force)
         return force
 
@@ -357,13 +386,14 @@ def series_of(model: Integrable) -> Compiled:
 @cache
 def _pointwise_of(model: Integrable) -> Compiled:
     """Compiled force at samples with known states: (p, state, u, v, a, current, force); fills `force`."""
-    return cached(_pointwise(key_of(model)), _force=kernel_of(model).force)
+    return cached(_pointwise(key_of(model)), _force=of_state(kernel_of(model), model.states))
 
 
 @cache
 def _stepwise_of(model: Integrable) -> Compiled:
     """Compiled force along a motion, integrated step by step; see `_stepwise`."""
-    return cached(_stepwise(key_of(model)), _force=kernel_of(model).force, _step=sampled_step(model))
+    force = of_state(kernel_of(model), model.states)
+    return cached(_stepwise(key_of(model)), _force=force, _step=sampled_step(model))
 
 
 _force: Compiled = _no_rates
@@ -375,8 +405,11 @@ def _pointwise(key: str) -> Compiled:
     def pointwise(
         p: FloatArray, s: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray, out: FloatArray
     ) -> None:
+        state = np.zeros(1)
         for k in range(u.size + 0 * len(key)):
-            out[k] = _force(p, s[k] if s.size > 0 else 0.0, 0.0, u[k], v[k], a[k], current[k])
+            if s.size > 0:
+                state[0] = s[k]
+            out[k] = _force(p, state, u[k], v[k], a[k], current[k])
 
     return pointwise
 
@@ -404,7 +437,7 @@ def _stepwise(key: str) -> Compiled:
                     for place in range(positions):
                         state[place] += u[0] - there
             if step >= warm:
-                force[k] = _force(p, state[0], state[1] if state.size > 1 else 0.0, u[k], v[k], a[k], current[k])
+                force[k] = _force(p, state, u[k], v[k], a[k], current[k])
 
     return stepwise
 

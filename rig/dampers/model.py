@@ -62,6 +62,11 @@ class DamperModel(ABC):
     hysteresis: Hysteresis = "kwok"
     parameters: tuple[Parameter, ...]
 
+    @property
+    def first_memory(self) -> int:
+        """Place of the first of the `memories` among the states."""
+        return self.states - self.memories
+
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameter names in the kernel's order."""

@@ -14,7 +14,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.kernel import Compiled, ForceTarget, Instant, cached, kernel_of, key_of, sampled_step
+from rig.dampers.kernel import Compiled, ForceTarget, Instant, cached, kernel_of, key_of, of_state, sampled_step
 
 SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate,
 AROUND_S = 1e-3  # and where what comes after is known too
@@ -49,13 +49,14 @@ def inverse_of(model: Integrable) -> Compiled:
 
 @cache
 def _trajectory_of(model: Integrable) -> Compiled:
-    return cached(_trajectory(key_of(model), model.states), _force=kernel_of(model).force, _step=sampled_step(model))
+    force = of_state(kernel_of(model), model.states)
+    return cached(_trajectory(key_of(model), model.states), _force=force, _step=sampled_step(model))
 
 
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
     kernel = kernel_of(model)
-    held = kernel.held or _at_once(kernel.force)
+    held = kernel.held or _at_once(of_state(kernel, model.states))
     return cached(_inverse(key_of(model), model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
 
 
@@ -145,8 +146,7 @@ def _trajectory(key: str, states: int) -> Compiled:
             row = p[min(k, last)]
             if states > 0 and k > 0:
                 _step(row, state, u, v, a, current, dt, k - 1, k)
-            s1 = state[1] if state.size > 1 else 0.0
-            force[k] = _force(row, state[0], s1, u[k], v[k], a[k], current[k])
+            force[k] = _force(row, state, u[k], v[k], a[k], current[k])
             for place in range(state.size):
                 path[k, place] = state[place]
         return force, path
@@ -190,8 +190,7 @@ def _at_once(force: Compiled) -> Compiled:
 
     @njit()
     def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, target: ForceTarget) -> float:
-        s1 = state[1] if state.size > 1 else 0.0
-        return float(force(p, state[0], s1, motion[0], motion[1], motion[2], current))
+        return float(force(p, state, motion[0], motion[1], motion[2], current))
 
     return held
 

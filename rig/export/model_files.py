@@ -202,6 +202,11 @@ def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
             translated.
     """
     model, kernel = fitted.model, fitted.model.kernel()
+    if kernel.whole is not None:
+        raise NotTranslatable(
+            f"{model.name} has a residual, whose Modelica code could not be verified with a Modelica tool, so this "
+            "export is not available. Fix: use --to fmi; Modelica tools can import the FMU"
+        )
     library = Library([kernel.rates, kernel.force] if model.states else [kernel.force])
     hidden = bool(model.states) and model.name.partition("+")[0] not in PROVED
     unproved = "internal states" if hidden else "a table in its equation" if library.arrays else ""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import rig.dampers
 from rig.dampers.current_law import AFFINE
 from rig.dampers.current_law_model import PLUS, with_law
+from rig.dampers.grey_box import GREY, SUFFIX, named_parts
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, RigError, evaluating, some
 from rig.fits.entries import Cause, ErrorSummary
@@ -23,6 +24,7 @@ from rig.identification.application.tested_range import tested_range
 from rig.identification.cross_validation import cross_validated, refuse_one_pair
 from rig.identification.diagnosis.statement import Fitted
 from rig.identification.fit_state import FitState, stages_of
+from rig.identification.grey_box import compared_with_residual, refuse_residual
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
@@ -101,6 +103,7 @@ def _started(tests: Tests, options: FitOptions) -> FitState:
     _refuse_unseen(options, known.fitted)
     laws = laws_over(known.fitted, options.current_law)
     _refuse_outside(options)
+    refuse_residual(options)
     for one in options.applied:
         stages_of(one).refuse(options)
     if options.current != AFFINE:
@@ -190,7 +193,8 @@ def _names(model: str, fitted: Sequence[Measurement]) -> list[str]:
     """Names of the models that `model` stands for."""
     if model == ALL:
         return list(rig.dampers.MODELS)
-    return list(FEW_MODELS) if model == FEW else [named_over(model, fitted)]
+    grey = named_parts(model)
+    return list(FEW_MODELS) if model in {FEW, GREY} else [named_over(model if grey is None else grey[0], fitted)]
 
 
 def _model(name: str, options: FitOptions) -> DamperModel:
@@ -230,13 +234,17 @@ def _fit_models(state: FitState) -> FitState:
         doubts = doubts_of(by_law, held_out) or doubts
         ranking = (*by_law, *(one for one in ranking if one.model != best.model.name))
         best, refused = recommended, [*refused, *failed]
+    remarks: tuple[str, ...] = ()
+    if options.grey:
+        compared = compared_with_residual(best, ranking, fitted, held_out, options)
+        ranking, best, remarks = compared.ranking, compared.best, compared.remarks
     if own := {name: value for name, value in state.held.items() if name in best.model.names}:
         best = replace(best, solution=replace(best.solution, values={**best.solution.values, **own}))
-    warnings = (*state.warnings, *contradictions(fitted), *reweighted, *refused, *doubts)
+    warnings = (*state.warnings, *contradictions(fitted), *reweighted, *refused, *doubts, *remarks)
     fit = judged(best, fitted, held_out, (*ranking, *given_up), options, warnings)
     if len(state.models) > 1:
-        compared = references(fitted, held_out, groups_of(fitted))
-        fit = replace(fit, evaluation=replace(fit.evaluation, references=compared))
+        others = references(fitted, held_out, groups_of(fitted))
+        fit = replace(fit, evaluation=replace(fit.evaluation, references=others))
     if fit.adequate is False:
         apart = inconsistent_runs(fitted, fit.error.rmse_N, _error_of(best, method))
         fit = replace(fit, warnings=(*apart, *fit.warnings))
@@ -316,8 +324,8 @@ def _with_cross_validation(state: FitState) -> FitState:
         return state
     fit, options = state.so_far, state.options
     alone = FitOptions(
-        model=fit.model, method=options.how.without_executor, hysteresis=fit.hysteresis_form, diagnose=False,
-        corrections=options.corrections,
+        model=_chosen_again(fit.model), method=options.how.without_executor, hysteresis=fit.hysteresis_form,
+        diagnose=False, corrections=options.corrections,
     )  # fmt: skip
     tests, workers = list(state.known.fitted), options.workers
     shared = workers.share(tests)
@@ -329,6 +337,12 @@ def _with_cross_validation(state: FitState) -> FitState:
         return workers.in_order(jobs, lambda job, done: options.report(f"predicted {job.name} ({clock.text(done)})"))
 
     return state.with_parts(evaluation={"unseen": cross_validated(tests, errors_of)})
+
+
+def _chosen_again(model: str) -> str:
+    """The model for the tests of a fold, whose parts of a residual are chosen without the test left out."""
+    grey = named_parts(model)
+    return model if grey is None else f"{grey[0]}{SUFFIX}"
 
 
 def _predicted(tests: Sequence[Measurement], group: Sequence[int], options: FitOptions) -> ErrorSummary:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from protocols.near_miss import meant
 from rig.dampers import Hysteresis
 from rig.dampers.current_law import AFFINE
+from rig.dampers.grey_box import GREY, named_parts
 from rig.identification.models.solving import SEPARABLE, Method
 from rig.jobs.workers import HERE, Workers
 from rig.matrix.corrections import CORRECTIONS, SETTINGS, Correction
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
 
 ALL, FEW = "all", "few"
+"""Several models compared; with `rig.dampers.grey_box.GREY` those of "few", and the best with a residual."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class FitOptions:
 
     Attributes:
         model: a name in `rig.dampers.MODELS`, with a current law or without (`asymmetric+saturating`), "few" to
-            compare `FEW_MODELS`, or "all" to compare every one.
+            compare `FEW_MODELS`, or "all" to compare every one. "grey" compares those of "few" and adds a residual to
+            the best one if it predicts tests left out better; "all" does so too, and `NAME+grey` for one model.
         method: "separable", one of the papers' algorithms, or a `Method` with its settings.
         holdout: tests left out of the fit and used to validate it: a filter such as "waveform=triangle" on the tests,
             or others; of motion without cycles also "last 30 %" of the time of each test.
@@ -144,7 +147,12 @@ class FitOptions:
     @property
     def several(self) -> bool:
         """Whether several models are compared."""
-        return self.model in {ALL, FEW}
+        return self.model in {ALL, FEW, GREY}
+
+    @property
+    def grey(self) -> bool:
+        """Whether a residual of the chosen model is requested."""
+        return self.model in {ALL, GREY} or named_parts(self.model) is not None
 
     @property
     def one_model_only(self) -> bool:

@@ -91,6 +91,10 @@ PARAMETERS = {
         "{name} not identifiable: all tests ran at one speed, so the viscous and yield forces are not separable. Fix: "
         "add a test at another speed or a sine test"
     ),
+    "residual": (
+        "{name} is part of the residual: its value is set by a ridge regression and has no interval; the intervals of "
+        "the other parameters are for this residual"
+    ),
     "held": "{reason}; its value is set to 0",
     "no-effect": "{name} not identifiable: the parameter has no effect on the force in these tests",
     "inseparable": "{name} not separable from {partners} in these tests",
@@ -217,6 +221,22 @@ WARNINGS = {
     ),
     "ranked-beyond": (
         "every validation test is outside the fitted range ({quantities}): the models are ranked by extrapolation error"
+    ),
+    "residual-too-few": (
+        "no residual of {model}: got tests of {groups} different motions (or currents), expected at least {needed} to "
+        "leave out in turn, so the physical model is used. Fix: measure more motions"
+    ),
+    "residual-no-gain": (
+        "no residual of {model}: on tests left out, the best residual has an error of {grey:.3g} % of force amplitude, "
+        "compared with {physical:.3g} % for the physical model, which is used"
+    ),
+    "residual-not-passive": (
+        "no residual of {model}: with it, a closed cycle within the tested range gains energy, so the physical model "
+        "is used"
+    ),
+    "residual-reduced": (
+        "the residual of {model} is reduced to {percent:.0f} % of its fitted size because a closed cycle within the "
+        "tested range would gain energy"
     ),
     "described-first": (
         "{model} is ranked first because it fits all tests within measurement noise; {other} predicts held-out tests "

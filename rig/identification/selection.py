@@ -235,7 +235,7 @@ def _score(
     model, values = candidate.model, candidate.solution.values
     misfit = misfits(model, values, fitted)
     if held_out:
-        unseen = _predicted(model, values, held_out, covered_by(fitted))
+        unseen = predicted(model, values, held_out, covered_by(fitted))
     else:
         unseen = [] if alone else cross_validated(model, fitted, method, values)
     errors = [(test.nrmse_percent_of_peak, test.beyond) for test in unseen]
@@ -263,7 +263,7 @@ class _Predicted:
     beyond: tuple[str, ...]
 
 
-def _predicted(
+def predicted(
     model: DamperModel, values: Mapping[str, float], unseen: Sequence[Measurement], covered: Covered
 ) -> list[_Predicted]:
     """Errors on tests of a fit that has not seen them."""
@@ -278,7 +278,7 @@ def cross_validated(
 ) -> list[_Predicted]:
     """Errors of groups of tests, each predicted from the others, beyond whose data it may lie (see `folds_of`)."""
     folds = folds_of(model, measurements, method, near)
-    return [error for fold in folds for error in _predicted(model, fold.values, fold.left_out, fold.covered)]
+    return [error for fold in folds for error in predicted(model, fold.values, fold.left_out, fold.covered)]
 
 
 def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:

@@ -20,6 +20,7 @@ from protocols.near_miss import near_names
 from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT
 from rig.dampers import MODELS, PARAMETER_SETS
 from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
+from rig.dampers.grey_box import GREY, UnknownPart, named_parts, with_residual
 from rig.errors import FileProblem
 from rig.files.quantity import Quantity, Wording
 from rig.files.section import ExtendedSection, Section
@@ -366,10 +367,11 @@ class FitTable(Section):
     @field_validator("model")
     @classmethod
     def _known_model(cls, value: str) -> str:
-        base, plus, law = value.partition("+")
-        several = ("all", "auto", "few")
-        known = ["all", "auto", *MODELS, "few"]
-        if base not in known or (base in several and plus):
+        residual = named_parts(value)
+        base, plus, law = (value if residual is None else residual[0]).partition("+")
+        several = ("all", "auto", "few", GREY)
+        known = ["all", "auto", *MODELS, "few", GREY]
+        if base not in known or (base in several and value != base):
             raise ValueError(_unknown("model", value, known))
         for name in MODELS if value == "all" else () if value in several else (base,):
             _usable(MODELS.__getitem__, name)
@@ -377,6 +379,11 @@ class FitTable(Section):
             try:
                 current_law(law)
             except UnknownLaw as error:
+                raise ValueError(str(error)) from error
+        if residual is not None:
+            try:
+                with_residual(MODELS[base], residual[1])
+            except UnknownPart as error:
                 raise ValueError(str(error)) from error
         return value
 

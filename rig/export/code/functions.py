@@ -105,7 +105,17 @@ def _tree(function: Callable[..., Any]) -> ast.FunctionDef:
         raise NotTranslatable(f"the source of {function!r} cannot be read: {error}") from error
     if not isinstance(tree, ast.FunctionDef):
         raise NotTranslatable(f"{function!r} is not a plain function")
+    _WholeArrays().visit(tree)
     return tree
+
+
+class _WholeArrays(ast.NodeTransformer):
+    """`array[:n]` as the array itself: a function that gets it writes to its first elements alone."""
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        self.generic_visit(node)
+        first = isinstance(node.slice, ast.Slice) and node.slice.lower is None and node.slice.step is None
+        return node.value if first else node
 
 
 class Library:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Kernel, runge_kutta
+from rig.dampers.grey_box import physical
+from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Kernel, of_state, runge_kutta
 from rig.dampers.kernel import _no_step as without_own_step  # the default, by which a model says that it has none
 from rig.dampers.loop_curve import cell_of, has_curve, loop_curve, place, travel_along, turning_point
 from rig.dampers.model import DamperModel
@@ -40,7 +41,7 @@ def program_of(model: DamperModel, p: FloatArray) -> Program:
     """The program of a model with these parameters, in the kernel's order."""
     kernel = model.kernel()
     if model.states == 0:
-        return _algebraic(kernel)
+        return _algebraic(of_state(kernel, 0))
     rho, sigma, n, scale = _plain(kernel.loop)(p)
     if has_curve(rho, sigma, n):
         return _along_curve(kernel, rho, sigma, n, scale)
@@ -56,20 +57,18 @@ def _plain(compiled: Callable[..., Any]) -> Callable[..., Any]:
     return getattr(compiled, "py_func", compiled)
 
 
-def _algebraic(kernel: Kernel) -> Program:
-    force = kernel.force
-
+def _algebraic(force: Callable[..., Any]) -> Program:
     def start(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float) -> float:
         """Force (N) at the first sample."""
         d[0] = u
-        return float(force(p, 0.0, 0.0, u, v, a, current))
+        return float(force(p, d, u, v, a, current))
 
     def step(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
         """Force (N) at the next sample; this model remembers nothing."""
         if not known(u, v, a, current):
             return math.inf - math.inf
         d[0] = u
-        return float(force(p, 0.0, 0.0, u, v, a, current))
+        return float(force(p, d, u, v, a, current))
 
     return Program(start, step, 2)
 
@@ -110,21 +109,17 @@ def _along_curve(kernel: Kernel, rho: float, sigma: float, n: float, scale: floa
 
 
 def _integrated(model: DamperModel, kernel: Kernel, p: FloatArray) -> Program:
-    force, rest = kernel.force, model.initial_state(1.0)
-    moves_0 = float(rest[0])
-    moves_1 = float(rest[1]) if rest.size > 1 else 0.0
-    moves_2 = float(rest[2]) if rest.size > 2 else 0.0
+    force, positions, n = of_state(kernel, model.states), model.positions, max(3, model.states)
 
     def start(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float) -> float:
         """Force (N) at the first sample, springs free."""
-        d[0] = moves_0 * u
-        d[1] = moves_1 * u
-        d[2] = moves_2 * u
-        d[3] = u
-        d[4] = v
-        d[5] = a
-        d[6] = current
-        return float(force(p, d[0], d[1], u, v, a, current))
+        for k in range(n):
+            d[k] = u if k < positions else 0.0
+        d[n] = u
+        d[n + 1] = v
+        d[n + 2] = a
+        d[n + 3] = current
+        return float(force(p, d, u, v, a, current))
 
     move = _mover(model, kernel, p)
 
@@ -132,15 +127,15 @@ def _integrated(model: DamperModel, kernel: Kernel, p: FloatArray) -> Program:
         """Force (N) at the next sample; d is the internal state, then u, v, a and current of the sample before."""
         if not known(u, v, a, current):
             return math.inf - math.inf
-        motion = motion_between(d[3], d[4], d[5], u, v, a, dt, True)
-        move(p, d, motion, max(abs(d[4]), abs(v)), 0.5 * (d[6] + current), dt)
-        d[3] = u
-        d[4] = v
-        d[5] = a
-        d[6] = current
-        return float(force(p, d[0], d[1], u, v, a, current))
+        motion = motion_between(d[n], d[n + 1], d[n + 2], u, v, a, dt, True)
+        move(p, d, motion, max(abs(d[n + 1]), abs(v)), 0.5 * (d[n + 3] + current), dt)
+        d[n] = u
+        d[n + 1] = v
+        d[n + 2] = a
+        d[n + 3] = current
+        return float(force(p, d, u, v, a, current))
 
-    return Program(start, step, 7, max(2, model.states))
+    return Program(start, step, n + 4, max(2, physical(model).states))
 
 
 def _mover(model: DamperModel, kernel: Kernel, p: FloatArray) -> Callable[..., Any]:

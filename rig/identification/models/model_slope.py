@@ -10,6 +10,7 @@ import numpy as np
 from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel
+from rig.dampers.grey_box import ELEMENTS, SLIP, GreyBoxModel, residual_force
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
@@ -54,6 +55,8 @@ def modelled_force(model: DamperModel, values: Mapping[str, float], test: Measur
     Raises:
         KeyError: a parameter is missing.
     """
+    if isinstance(model, GreyBoxModel):
+        return modelled_force(model.base, model.of_base(values), test) + residual_along(model, values, test)
     complete = dict(values)
     if "eta" in model.names:
         complete.setdefault("eta", model.parameter("eta").start)
@@ -70,6 +73,27 @@ def modelled_force(model: DamperModel, values: Mapping[str, float], test: Measur
     return force
 
 
+def element_states(values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """States of a residual's elements along a measurement, after its first cycle, (n, ELEMENTS)."""
+    from rig.dampers.grey_kernel import elements_along  # loads numba
+
+    travels = np.array([values[f"travel_{k}"] for k in range(1, ELEMENTS + 1)])
+    return np.asarray(elements_along(test.u_m, travels, test.samples_per_cycle))
+
+
+def residual_along(model: GreyBoxModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """The residual force (N), (n,), of a grey-box model along a measurement."""
+    z = element_states(values, test) if SLIP in model.parts else np.zeros((test.u_m.size, 0))
+    return residual_force(model.parts, values, test.u_m, test.v_m_s, test.current_A, z)
+
+
+def without_residual(
+    model: GreyBoxModel, values: Mapping[str, float], tests: Sequence[Measurement]
+) -> list[Measurement]:
+    """The tests with the residual's force subtracted from the measured one: what the physical model is fitted to."""
+    return [replace(test, force_N=test.force_N - residual_along(model, values, test)) for test in tests]
+
+
 def parameter_slopes(
     model: DamperModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
 ) -> FloatArray:
@@ -78,6 +102,8 @@ def parameter_slopes(
     Raises:
         KeyError: a parameter is missing.
     """
+    if isinstance(model, GreyBoxModel):  # its residual is held
+        return parameter_slopes(model.base, model.of_base(values), names, test)
     if isinstance(model, ColumnModel):
         return _algebraic_slopes(model, values, names, test)
     if isinstance(model, CurrentLawModel):

@@ -18,12 +18,13 @@ from rig.dampers import MODELS
 from rig.dampers.algebraic import AlgebraicSeparation, ColumnModel, TanhModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel, base_of
+from rig.dampers.grey_box import GreyBoxModel
 from rig.dampers.model import DamperModel
 from rig.dampers.separation import Separation
 from rig.errors import IdentificationFailed
 from rig.identification.models.law_search import solve_with_current_law
 from rig.identification.models.measurement import Measurement, all_but
-from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.model_slope import modelled_force, without_residual
 from rig.identification.models.problem import FixedParameters, Problem, unmirrored
 from rig.identification.models.projection import Weight, Weighting
 from rig.identification.models.separable import (
@@ -272,6 +273,8 @@ def solve_weighted(
     Raises:
         IdentificationFailed: as `solve`.
     """
+    if isinstance(model, GreyBoxModel):
+        return _behind_residual(model, measurements, weighting, held, near, rival_N, exact=exact)
     if isinstance(model, CurrentLawModel):
         base, own = model.base, frozenset(held & set(model.base.names))
 
@@ -288,6 +291,32 @@ def solve_weighted(
     from rig.identification.models.state_search import solve_states  # loads numba
 
     return solve_states(measurements, model, weighting, held, near, rival_N, exact=exact)
+
+
+def _behind_residual(
+    model: GreyBoxModel,
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+    held: frozenset[str],
+    near: Mapping[str, float] | None,
+    rival_N: float,
+    *,
+    exact: bool,
+) -> Solution:
+    """The physical model fitted again, its residual kept.
+
+    Raises:
+        IdentificationFailed: no residual is known, or as `solve`.
+    """
+    if near is None:
+        raise IdentificationFailed(
+            f"{model.name}: this method cannot fit a residual. Fix: use separable with --model {model.base.name}+grey"
+        )
+    kept = {name: near[name] for name in model.residual_names}
+    own = frozenset(held & set(model.base.names))
+    tests = without_residual(model, kept, measurements)
+    solution = solve_weighted(model.base, tests, weighting, own, model.of_base(near), rival_N, exact=exact)
+    return replace(solution, values={**solution.values, **kept})
 
 
 def _robust(
