@@ -236,7 +236,7 @@ def _fit_models(state: FitState) -> FitState:
         best, refused = recommended, [*refused, *failed]
     remarks: tuple[str, ...] = ()
     if options.grey:
-        compared = compared_with_residual(best, ranking, fitted, held_out, options)
+        compared = compared_with_residual(best, candidates, ranking, fitted, held_out, options)
         ranking, best, remarks = compared.ranking, compared.best, compared.remarks
     if own := {name: value for name, value in state.held.items() if name in best.model.names}:
         best = replace(best, solution=replace(best.solution, values={**best.solution.values, **own}))

@@ -11,13 +11,15 @@ from rig.dampers.grey_box import named_parts
 from rig.errors import IdentificationFailed
 from rig.fits.entries import ModelScore, mean_within
 from rig.identification.models.measurement import Measurement, set_of
-from rig.identification.models.residual_fit import FEWEST_GROUPS, ResidualFit, fit_residual
-from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method
+from rig.identification.models.residual_fit import FEWEST_GROUPS, GAIN, NO_GAIN, ResidualFit, fit_residual
+from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, splits
 from rig.identification.models.undetermined import Undetermined
 from rig.identification.options import FitOptions
 from rig.identification.remarks import Remark, say
 from rig.identification.selection import predicted
 from rig.identification.uncertainty.scoring import misfits, rmse_N
+
+NEARLY = 3.0  # times the error of the best physical model, on tests left out: a simpler one whose residual is tried
 
 
 @dataclass(frozen=True)
@@ -57,27 +59,46 @@ def refuse_residual(options: FitOptions) -> None:
 
 
 def compared_with_residual(
-    best: Candidate, ranking: Sequence[ModelScore], tests: Sequence[Measurement], held_out: Sequence[Measurement],
-    options: FitOptions,
+    best: Candidate, others: Sequence[Candidate], ranking: Sequence[ModelScore], tests: Sequence[Measurement],
+    held_out: Sequence[Measurement], options: FitOptions,
 ) -> Ranked:
-    """The chosen model with its residual if that predicts tests left out better, else alone.
+    """The chosen model, or a simpler one, with a residual if that predicts tests left out better, else alone.
 
     Held-out tests do not decide it: they validate the result.
+
+    Args:
+        best: the chosen model.
+        others: all that were fitted; those that are fitted quickly and predict about as well are tried, too: what a
+            simpler model leaves may be the easier to learn.
+        ranking: the models compared.
+        tests: the tests.
+        held_out: held-out tests.
+        options: what is asked of the fit.
 
     Raises:
         IdentificationFailed: the model cannot be fitted to the tests of a fold.
     """
     options.report(f"fitting the residual of {best.model.name}")
     named = named_parts(options.model)
-    values = dict(best.solution.values)
-    found = fit_residual(best.model, values, tests, options.how, () if named is None else named[1])
-    numbers = {"physical": _mean(found.physical), "grey": _mean(found.grey), "model": best.model.name}
-    if found.reason:
-        reason = say(found.reason, **numbers, groups=len(set_of(tests).groups), needed=FEWEST_GROUPS)
-        return Ranked(tuple(ranking), best, (reason,))
-    grey = _candidate(best, found)
-    reduced = (say("residual-reduced", model=best.model.name, percent=100.0 * found.shrunk),) * (found.shrunk < 1.0)
-    score = _score(best, grey, found, ranking, tests, held_out, options.how)
+    parts = () if named is None else named[1]
+    own = fit_residual(best.model, best.solution.values, tests, options.how, parts)
+    tried = [(best, own)]
+    for other in others if own.physical else ():
+        if other.model is not best.model and splits(other.model, tests):
+            found = fit_residual(other.model, other.solution.values, tests, options.how, parts)
+            tried += [(other, found)] if found.grey and _mean(found.physical) < NEARLY * _mean(own.physical) else []
+    usable = [one for one in tried if not one[1].reason]
+    base, found = min(usable, key=lambda one: _mean(one[1].grey)) if usable else tried[0]
+    reason = found.reason
+    if not reason and _mean(found.grey) > (1.0 - GAIN) * _mean(own.physical):
+        reason = NO_GAIN
+    if reason:
+        numbers = {"physical": _mean(own.physical), "grey": _mean(found.grey), "model": base.model.name}
+        remark = say(reason, **numbers, groups=len(set_of(tests).groups), needed=FEWEST_GROUPS)
+        return Ranked(tuple(ranking), best, (remark,))
+    grey = _candidate(base, found)
+    reduced = (say("residual-reduced", model=base.model.name, percent=100.0 * found.shrunk),) * (found.shrunk < 1.0)
+    score = _score(base, grey, found, ranking, tests, held_out, options.how)
     return Ranked((score, *ranking), grey, reduced)
 
 

@@ -31,6 +31,7 @@ from rig.identification.models.solving import Method, solve_folds
 
 SAMPLES = 250  # of a cycle
 FEWEST_GROUPS = 3  # of tests: of two, a fold would choose from one
+NO_GAIN = "residual-no-gain"
 GAIN = 0.02  # share of the physical model's error on tests left out by which the residual must lower it
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # share of each regressor's own power
 SHORTEST = 0.04  # travel of the first element, as a share of the smallest amplitude
@@ -99,7 +100,7 @@ def fit_residual(
     by_test = tuple(physical[order.index(number)] for number in range(len(tests)))
     with_it = tuple(float(errors[best, order.index(number)]) for number in range(len(tests)))
     if np.mean(with_it) > (1.0 - GAIN) * np.mean(by_test):
-        return ResidualFit(model, {}, 0.0, by_test, with_it, "residual-no-gain")
+        return ResidualFit(model, {}, 0.0, by_test, with_it, NO_GAIN)
     chosen, ridge = choices[best]
     grey = with_residual(model, chosen)
     ranges, left = ranges_of(tests), [test.force_N - modelled_force(model, values, test) for test in tests]
