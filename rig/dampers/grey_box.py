@@ -1,8 +1,9 @@
 """A damper model and what it leaves: the residual force as a small regression on states that the physics defines.
 
-    F = F_model(u, v, a, I) + g(u) g(v) g(I) sum_j (c_j0 + c_j1 y + c_j2 y^2) phi_j,   y = (I - i_mid) / i_half
+    F = F_model(u, v, a, I) + g(u) g(v) g(I) sum_j (c_j0 + c_j1 y + c_j2 y^2 + c_j3 ((1 - y) / 2)^4) phi_j
+    y = (I - i_mid) / i_half
 
-The regressors phi_j are, by part,
+The fourth power is what differs at small currents alone, such as remanence. The regressors phi_j are, by part,
 
     slip     z_k and z_k^3 of six elastic-plastic elements: z_k moves by du / travel_k and stays within -1 and 1
              (Prandtl 1928; in parallel Iwan 1966): what the way since the reversal does, with its inner loops
@@ -44,7 +45,8 @@ PARTS = (SLIP, SPEED, STROKE)
 ELEMENTS = 6
 BENDS = (0.03, 0.1, 0.3)  # of the top speed, over which the speed's regressors saturate
 FADES = 0.2  # of half a tested range beyond its end, within which the residual falls to 0
-POWERS = 3  # of the current: constant, linear, quadratic
+POWERS = 4  # functions of the current: 1, y, y^2, ((1 - y) / 2)^4
+OF_CURRENT = ("", " times y", " times y^2", " times ((1 - y) / 2)^4")
 REGRESSORS: Mapping[str, tuple[str, ...]] = {
     SLIP: tuple(f"z{k}{power}" for k in range(1, ELEMENTS + 1) for power in ("", "^3")),
     SPEED: ("s", "s^3", *(f"s over {bend:g}" for bend in BENDS)),
@@ -79,15 +81,14 @@ def _travels() -> tuple[Parameter, ...]:
 
 
 def weight_names(parts: Sequence[str]) -> tuple[str, ...]:
-    """Names of the weights, (regressor, power of the current) in the kernel's order."""
+    """Names of the weights, (regressor, function of the current) in the kernel's order."""
     names = [f"g_{part}_{k}" for part in parts for k in range(1, len(REGRESSORS[part]) + 1)]
-    return tuple(f"{name}{'y' * power}" for name in names for power in range(POWERS))
+    return tuple(f"{name}{suffix}" for name in names for suffix in ("", "y", "yy", "low"))
 
 
 def _weights(parts: Sequence[str]) -> tuple[Parameter, ...]:
     terms = [regressor for part in parts for regressor in REGRESSORS[part]]
-    meanings = [f"residual: {term}{(' times y', ' times y^2')[power - 1] if power else ''}"
-                for term in terms for power in range(POWERS)]  # fmt: skip
+    meanings = [f"residual: {term}{function}" for term in terms for function in OF_CURRENT]
     return tuple(
         Parameter(name, name, "N", 0.0, -1e6, 1e6, True, meaning)
         for name, meaning in zip(weight_names(parts), meanings, strict=True)
@@ -187,6 +188,7 @@ def regressors(
     y = (current - values["i_mid"]) / values["i_half"]
     inside = fades(r) * fades(s) * fades(y)
     y = np.clip(y, -1.0, 1.0)
+    functions = (np.ones_like(y), y, y * y, (0.5 * (1.0 - y)) ** 4)
     columns: list[FloatArray] = []
     for part in parts:
         if part == SLIP:
@@ -195,7 +197,7 @@ def regressors(
             columns += [s, s**3, *(s / np.hypot(s, bend) for bend in BENDS)]
         else:
             columns += [np.ones_like(r), r, r * r, r**3, r**4]
-    return np.column_stack([inside * column * power for column in columns for power in (np.ones_like(y), y, y * y)])
+    return np.column_stack([inside * column * function for column in columns for function in functions])
 
 
 def residual_force(

@@ -29,9 +29,9 @@ def fade(position: float) -> float:
 
 @njit()
 def weight(p: FloatArray, place: float, y: float) -> float:
-    """A weight (N) at a current y: a polynomial whose coefficients begin at `place` of p."""
-    k = int(place)
-    return float(p[k] + y * (p[k + 1] + y * p[k + 2]))
+    """A weight (N) at a current y: the coefficients of 1, y, y^2 and ((1 - y) / 2)^4 begin at `place` of p."""
+    k, low = int(place), 0.5 * (1.0 - y)
+    return float(p[k] + y * (p[k + 1] + y * p[k + 2]) + p[k + 3] * low * low * low * low)
 
 
 @njit()
@@ -45,7 +45,8 @@ def _slip(first: int, states: int) -> Compiled:
         total = 0.0
         for k in range(ELEMENTS):
             z = state[states + k]
-            total += z * (weight(p, first + 6 * k, y) + weight(p, first + 6 * k + 3, y) * z * z)
+            place = first + 2 * POWERS * k
+            total += z * (weight(p, place, y) + weight(p, place + POWERS, y) * z * z)
         return total
 
     return slip
@@ -54,10 +55,10 @@ def _slip(first: int, states: int) -> Compiled:
 def _speed(first: int) -> Compiled:
     @njit()
     def speed(p: FloatArray, state: FloatArray, x: float, y: float) -> float:
-        total = x * (weight(p, first, y) + weight(p, first + 3, y) * x * x)
-        total += x * weight(p, first + 6, y) / math.hypot(x, SHARP)
-        total += x * weight(p, first + 9, y) / math.hypot(x, MIDDLE)
-        return float(total + x * weight(p, first + 12, y) / math.hypot(x, ROUND))
+        total = x * (weight(p, first, y) + weight(p, first + POWERS, y) * x * x)
+        total += x * weight(p, first + 2 * POWERS, y) / math.hypot(x, SHARP)
+        total += x * weight(p, first + 3 * POWERS, y) / math.hypot(x, MIDDLE)
+        return float(total + x * weight(p, first + 4 * POWERS, y) / math.hypot(x, ROUND))
 
     return speed
 
@@ -65,8 +66,9 @@ def _speed(first: int) -> Compiled:
 def _stroke(first: int) -> Compiled:
     @njit()
     def stroke(p: FloatArray, state: FloatArray, x: float, y: float) -> float:
-        high = weight(p, first + 9, y) + x * weight(p, first + 12, y)
-        return float(weight(p, first, y) + x * (weight(p, first + 3, y) + x * (weight(p, first + 6, y) + x * high)))
+        high = weight(p, first + 3 * POWERS, y) + x * weight(p, first + 4 * POWERS, y)
+        low = weight(p, first + POWERS, y) + x * (weight(p, first + 2 * POWERS, y) + x * high)
+        return float(weight(p, first, y) + x * low)
 
     return stroke
 

@@ -161,4 +161,4 @@ def test_wrong_names_and_combinations_are_refused() -> None:
     with pytest.raises(IdentificationFailed, match="Fix: omit"):
         identify(campaign(SEEN[:1], 0.0), model="bingham+grey", current="per-current-affine")
     names = weight_names(("slip", "stroke"))
-    assert len(names) == len(set(names)) == 3 * (2 * ELEMENTS + 5)
+    assert len(names) == len(set(names)) == 4 * (2 * ELEMENTS + 5)
