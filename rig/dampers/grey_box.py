@@ -3,15 +3,15 @@
     F = F_model(u, v, a, I) + g(u) g(v) g(I) sum_j (c_j0 + c_j1 y + c_j2 y^2 + c_j3 ((1 - y) / 2)^4) phi_j
     y = (I - i_mid) / i_half
 
-The fourth power is what differs at small currents alone, such as remanence. The regressors phi_j are, by part,
+The fourth power is for what differs at small currents only, such as remanence. The regressors phi_j are, by part,
 
     slip     z_k and z_k^3 of six elastic-plastic elements: z_k moves by du / travel_k and stays within -1 and 1
-             (Prandtl 1928; in parallel Iwan 1966): what the way since the reversal does, with its inner loops
+             (Prandtl 1928; in parallel Iwan 1966): the effect of the travel since the reversal, with inner loops
     speed    s, s^3 and s / sqrt(s^2 + b^2) for three b, s = v / v_top
     stroke   1, r, r^2, r^3, r^4, r = (u - u_mid) / u_half: gas and stops
 
 and g(.) is 1 in the tested range and falls to 0 within `FADES` of it beyond, so that far outside the force is that of
-the model alone. All regressors are bounded by then and the elements' states by 1, so the residual cannot make a
+the model alone. All regressors are bounded there and the elements' states by 1, so the residual cannot make a
 simulation unstable. At a constant current a stroke term is a potential and returns what it takes; c z + d z^3 stores
 energy while its element sticks and dissipates it while it slides, where c + d is not negative
 (docs/maintainers/decisions/grey-box.md).
