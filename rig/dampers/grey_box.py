@@ -52,7 +52,7 @@ REGRESSORS: Mapping[str, tuple[str, ...]] = {
     SPEED: ("s", "s^3", *(f"s over {bend:g}" for bend in BENDS)),
     STROKE: ("1", "r", "r^2", "r^3", "r^4"),
 }
-RANGE = ("u_mid", "u_half", "v_top", "i_mid", "i_half")
+RANGE = ("u_mid", "u_half", "v_top", "i_mid", "i_half", "ridge")
 _SHARED = ("positions", "memories", "forms", "jumps_at", "redundant", "speeds_tell_yield", "apart_at_one_current",
            "non_negative", "demonstration")  # fmt: skip
 
@@ -65,7 +65,7 @@ def _range_parameters() -> tuple[Parameter, ...]:
     meanings = {
         "u_mid": ("m", 0.0, "middle of the tested displacements"), "u_half": ("m", 0.02, "half of their range"),
         "v_top": ("m/s", 0.2, "largest tested speed"), "i_mid": ("A", 1.0, "middle of the tested currents"),
-        "i_half": ("A", 1.0, "half of their range"),
+        "i_half": ("A", 1.0, "half of their range"), "ridge": ("1", 1e-3, "penalty of the weights, as found"),
     }  # fmt: skip
     return tuple(
         Parameter(name, name, unit, start, -1e3 if name.endswith("mid") else 1e-9, 1e3, False, f"residual: {meaning}")

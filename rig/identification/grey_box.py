@@ -10,6 +10,7 @@ from rig.dampers.current_law import AFFINE
 from rig.dampers.grey_box import named_parts
 from rig.errors import IdentificationFailed
 from rig.fits.entries import ModelScore, mean_within
+from rig.identification.models.coverage import covered_by
 from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.residual_fit import FEWEST_GROUPS, GAIN, NO_GAIN, ResidualFit, fit_residual
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, splits
@@ -130,7 +131,7 @@ def _score(
     outside = next((one.beyond for one in ranking if one.model == best.model.name), {})
     errors = [(error, tuple(outside.get(test.id, ()))) for test, error in zip(tests, found.grey, strict=True)]
     if held_out:
-        unseen = predicted(grey.model, grey.solution.values, held_out, tests)
+        unseen = predicted(grey.model, grey.solution.values, held_out, covered_by(tests))
         errors = [(one.nrmse_percent_of_peak, one.beyond) for one in unseen]
         outside = {one.id: one.beyond for one in unseen if one.beyond}
     return ModelScore(

@@ -20,6 +20,7 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.grey_box import (
     ELEMENTS,
     PARTS,
+    GreyBoxModel,
     regressors,
     weight_names,
     with_residual,
@@ -105,13 +106,33 @@ def fit_residual(
     grey = with_residual(model, chosen)
     ranges, left = ranges_of(tests), [test.force_N - modelled_force(model, values, test) for test in tests]
     normal, right = _summed([_equations(ranges, test, left_N) for test, left_N in zip(tests, left, strict=True)])
-    found = _solved(normal, right, chosen, ridge)
+    ranges, found = {**ranges, "ridge": ridge}, _solved(normal, right, chosen, ridge)
     for share in SHRINK:
         known = {**ranges, **dict(zip(weight_names(chosen), (share * found).tolist(), strict=True))}
         own = {name: known[name] for name in grey.names[len(model.names) :]}
         if _dissipates(model, values, grey, own, tests):
             return ResidualFit(grey, own, ridge, by_test, with_it, "", share)
     return ResidualFit(model, {}, ridge, by_test, with_it, "residual-not-passive")
+
+
+def residual_values(
+    model: GreyBoxModel, values: Mapping[str, float], tests: Sequence[Measurement], ridge: float
+) -> dict[str, float]:
+    """The residual's values (SI) for some tests, its parts and ridge given.
+
+    Args:
+        model: the grey-box model.
+        values: of its physical model, fitted to these tests (SI).
+        tests: the tests.
+        ridge: the penalty (1).
+    """
+    ranges = ranges_of(tests)
+    normal, right = _summed([
+        _equations(ranges, test, test.force_N - modelled_force(model.base, values, test)) for test in tests
+    ])
+    weights = zip(weight_names(model.parts), _solved(normal, right, model.parts, ridge).tolist(), strict=True)
+    known = {**ranges, "ridge": ridge, **dict(weights)}
+    return {name: known[name] for name in model.residual_names}
 
 
 def ranges_of(tests: Sequence[Measurement]) -> dict[str, float]:

@@ -192,6 +192,14 @@ def solve_folds(
         IdentificationFailed: as `solve`.
     """
     rests = [all_but(measurements, group) for group in groups]
+    if isinstance(model, GreyBoxModel) and near is not None:
+        from rig.identification.models.residual_fit import residual_values  # that module builds on this one
+
+        physical = solve_folds(model.base, measurements, groups, method, model.of_base(near))
+        return [
+            {**values, **residual_values(model, values, rest, near["ridge"])}
+            for values, rest in zip(physical, rests, strict=True)
+        ]
     findings = [examine(model, rest) for rest in rests]
     split = _splitting(model, measurements) if method.name == SEPARABLE and method.loss == SQUARES else None
     if split is None or near is None:
