@@ -86,20 +86,22 @@ def compared_with_residual(
     tried = [(best, own)]
     for other in others if own.physical else ():
         if other.model is not best.model and splits(other.model, tests):
-            found = fit_residual(other.model, other.solution.values, tests, options.how, parts)
-            tried += [(other, found)] if found.grey and _mean(found.physical) < NEARLY * _mean(own.physical) else []
+            residual = fit_residual(other.model, other.solution.values, tests, options.how, parts)
+            if residual.grey and _mean(residual.physical) < NEARLY * _mean(own.physical):
+                tried.append((other, residual))
     usable = [one for one in tried if not one[1].reason]
-    base, found = min(usable, key=lambda one: _mean(one[1].grey)) if usable else tried[0]
-    reason = found.reason
-    if not reason and _mean(found.grey) > (1.0 - GAIN) * _mean(own.physical):
+    base, residual = min(usable, key=lambda one: _mean(one[1].grey)) if usable else tried[0]
+    reason = residual.reason
+    if not reason and _mean(residual.grey) > (1.0 - GAIN) * _mean(own.physical):
         reason = NO_GAIN
     if reason:
-        numbers = {"physical": _mean(own.physical), "grey": _mean(found.grey), "model": base.model.name}
+        numbers = {"physical": _mean(own.physical), "grey": _mean(residual.grey), "model": base.model.name}
         remark = say(reason, **numbers, groups=len(set_of(tests).groups), needed=FEWEST_GROUPS)
         return Ranked(tuple(ranking), best, (remark,))
-    grey = _candidate(base, found)
-    reduced = (say("residual-reduced", model=base.model.name, percent=100.0 * found.shrunk),) * (found.shrunk < 1.0)
-    score = _score(base, grey, found, ranking, tests, held_out, options.how)
+    grey = _candidate(base, residual)
+    percent = 100.0 * residual.shrunk
+    reduced = (say("residual-reduced", model=base.model.name, percent=percent),) if percent < 100.0 else ()
+    score = _score(base, grey, residual, ranking, tests, held_out, options.how)
     return Ranked((score, *ranking), grey, reduced)
 
 
@@ -107,29 +109,29 @@ def _mean(errors: Sequence[float]) -> float:
     return sum(errors) / len(errors) if errors else math.nan
 
 
-def _candidate(best: Candidate, found: ResidualFit) -> Candidate:
+def _candidate(best: Candidate, residual: ResidualFit) -> Candidate:
     """The physical model's solution with the residual, whose parameters are kept from then on."""
-    kept = tuple(found.values)
+    kept = tuple(residual.values)
     findings = Undetermined(
         set(best.findings.held),
         {**best.findings.fixed, **dict.fromkeys(kept, ())},
         {**best.findings.reasons, **{name: say("residual", name=name) for name in kept}},
     )
-    solution = replace(best.solution, values={**best.solution.values, **found.values})
-    return Candidate(found.model, findings, solution)
+    solution = replace(best.solution, values={**best.solution.values, **residual.values})
+    return Candidate(residual.model, findings, solution)
 
 
 def _score(
-    best: Candidate, grey: Candidate, found: ResidualFit, ranking: Sequence[ModelScore],
+    best: Candidate, grey: Candidate, residual: ResidualFit, ranking: Sequence[ModelScore],
     tests: Sequence[Measurement], held_out: Sequence[Measurement], method: Method,
 ) -> ModelScore:
     """How the model with its residual is ranked: by the tests left out, or by the held-out ones."""
     misfit = misfits(grey.model, grey.solution.values, tests)
     samples, error_N = sum(test.samples for test in misfit), rmse_N(misfit)
-    free = len(best.findings.free(best.solution.values)) + sum(1 for name, value in found.values.items()
+    free = len(best.findings.free(best.solution.values)) + sum(1 for name, value in residual.values.items()
                                                                if name.startswith("g_") and value)  # fmt: skip
     outside = next((one.beyond for one in ranking if one.model == best.model.name), {})
-    errors = [(error, tuple(outside.get(test.id, ()))) for test, error in zip(tests, found.grey, strict=True)]
+    errors = [(error, tuple(outside.get(test.id, ()))) for test, error in zip(tests, residual.grey, strict=True)]
     if held_out:
         unseen = predicted(grey.model, grey.solution.values, held_out, covered_by(tests))
         errors = [(one.nrmse_percent_of_peak, one.beyond) for one in unseen]

@@ -18,6 +18,7 @@ import numpy as np
 
 from rig.campaign_folder import CampaignFolder
 from rig.dampers.arrays import FloatArray
+from rig.dampers.grey_box import physical
 from rig.dampers.model import DamperModel
 from rig.fits.entries import NextTest
 from rig.identification.models.measurement import Measurement, samples_a_cycle
@@ -106,6 +107,7 @@ def next_tests(
         measurements: the tests of the fit.
         allowance: what may be tested; by default what was tested.
     """
+    model = physical(model)  # a residual has no parameters to narrow
     allowance = allowance or envelope_of(measurements)
     proposals = list(_loop(model, fit, measurements, allowance)) if fit.adequate is not False else []
     if "eta" in fit.parameters and not fit.parameters["eta"].identifiable and allowance.feasible is not None:

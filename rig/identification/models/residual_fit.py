@@ -106,9 +106,9 @@ def fit_residual(
     grey = with_residual(model, chosen)
     ranges, left = ranges_of(tests), [test.force_N - modelled_force(model, values, test) for test in tests]
     normal, right = _summed([_equations(ranges, test, left_N) for test, left_N in zip(tests, left, strict=True)])
-    ranges, found = {**ranges, "ridge": ridge}, _solved(normal, right, chosen, ridge)
+    ranges, weights = {**ranges, "ridge": ridge}, _solved(normal, right, chosen, ridge)
     for share in SHRINK:
-        known = {**ranges, **dict(zip(weight_names(chosen), (share * found).tolist(), strict=True))}
+        known = {**ranges, **dict(zip(weight_names(chosen), (share * weights).tolist(), strict=True))}
         own = {name: known[name] for name in grey.names[len(model.names) :]}
         if _dissipates(model, values, grey, own, tests):
             return ResidualFit(grey, own, ridge, by_test, with_it, "", share)

@@ -1,5 +1,6 @@
 """A model with a fitted residual: better where the physics lacks something, the physics alone elsewhere."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from rig.errors import IdentificationFailed
 from rig.fits.fit_record import FitRecord
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.model_slope import element_states, modelled_force
+from rig.identification.next_test import next_tests
 
 RATE_Hz = 250.0
 TRAVELS_m = np.geomspace(0.1e-3, 6e-3, 6)
@@ -143,6 +145,14 @@ def test_the_physical_model_is_used_where_a_residual_does_not_pay(tests: list[Me
     fit = identify(tests, model="kwok+grey", diagnose=False)
     assert fit.model == "kwok"
     assert reason in {getattr(one, "slug", "") for one in fit.warnings}
+
+
+def test_the_next_tests_narrow_the_physical_parameters_of_an_adequate_fit(slipping: Fit) -> None:
+    adequate = replace(slipping, evaluation=replace(slipping.evaluation, adequate=True))
+    names = set(rig.dampers.model("bingham").names)
+    proposed = next_tests(slipping.damper, adequate, campaign(SEEN, 60.0))
+    assert proposed
+    assert {one.parameter for one in proposed} <= names
 
 
 def test_at_one_current_the_residual_ends_near_it() -> None:
