@@ -73,11 +73,6 @@ class Shown:
     offset: float = 0.0
     positive: Positive = "rebound"
 
-    @property
-    def symbol(self) -> str:
-        """The unit as it is printed: degrees with their sign."""
-        return self.unit.replace("deg", "\N{DEGREE SIGN}")
-
     def value(self, si: Number) -> Number:
         """A magnitude (number or array (n,)) from SI: a limit, an amplitude, a standard deviation, a temperature."""
         return (si - self.offset) / self.scale

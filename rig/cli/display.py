@@ -178,7 +178,7 @@ class LiveDisplay(PlainDisplay):
         for name, (label, quantity, resolution, width) in LIVE.items():
             if name in live:
                 shown: Shown = getattr(self.shown, quantity, AMPERE)
-                yield f"{label} {shown.fixed(live[name], resolution):>{width}} {shown.symbol}"
+                yield f"{label} {shown.fixed(live[name], resolution):>{width}} {shown.unit}"
 
 
 def display_for(console: Console) -> PlainDisplay:

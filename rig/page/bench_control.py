@@ -27,7 +27,7 @@ from protocols.patterns import Pattern
 from rig.campaign_folder import IDENTIFIER, IDENTIFIER_TEXT, CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.page.commands import WORDS, one_line
-from rig.page.history import History
+from rig.page.history import History, verdict_before_report
 from rig.page.matrices import LONGEST_NAME, Matrices
 from rig.page.started_run import StartedRun
 from rig.page.watched_run import WatchedRun
@@ -158,7 +158,7 @@ class BenchControl:
         self._plans: dict[str, dict[str, Any]] = {}
         self._asking = asyncio.Lock()
         self._waiting = 0
-        self._was: tuple[Path | None, bool] = None, False
+        self._was: tuple[Path | None, bool, bool] = None, False, False
         self._changed = False
         self._begun = False
         self._settled = True
@@ -228,7 +228,8 @@ class BenchControl:
         if live is None and (live := self._found()) is not None:
             self.watched.close()
             self.watched = WatchedRun(None, live)
-        was, self._was = self._was, (live, self.starting)
+        decided = live is not None and bool(verdict_before_report(live))
+        was, self._was = self._was, (live, self.starting, decided)
         self._changed = self._changed or was != self._was or (not self._settled and self.idle)
         if live is not None:
             self._begun, self._settled = True, False

@@ -17,8 +17,8 @@ from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
 from rig.recording.tested_on import when_tested
-from rig.recording.tested_specimens import TESTED, TestedSpecimen, TestedSpecimens, counts
-from rig.station.live_folder import LOCK, held, read_json
+from rig.recording.tested_specimens import TESTED, TITLES, TestedSpecimen, TestedSpecimens, counts
+from rig.station.live_folder import LOCK, STATE, held, read_json
 from rig.text_file import open_regular, stamp
 
 MOST_RUNS = 100
@@ -101,10 +101,12 @@ class History:
             total = len(planned) if isinstance(planned, list) else 0
         total = max(total, len(verdicts))
         valid, suspect = verdicts.count("valid"), verdicts.count("suspect")
-        ended, slug = self._ending(run, result)
+        live = _live_folder(run)
+        ended, slug = ("running", "") if live is not None else self._ending(run, result)
         simulated = isinstance(described.get("simulated"), dict)
         own, running = simulated is self._simulated, ended == "running"
         left = total - valid - suspect
+        specimen = self._ended[name].specimen if live is None else verdict_before_report(live)
         return {
             "name": name, "specimen": _text(described.get("specimen"), 80),
             "started": _text(when_tested(described), 19), "bench": _text(described.get("bench"), 80),
@@ -112,9 +114,9 @@ class History:
             "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
             "matrix": _text(described.get("matrix_file"), 120),
             "operator": _text(self._json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
-            "specimen_verdict": "" if running else self._ended[name].specimen.get("verdict", ""),
-            "specimen_reason": "" if running else _text(self._ended[name].specimen.get("reason"), LONGEST_TEXT),
-            "takt_s": None if running else self.tested.takt_s(name),
+            "specimen_verdict": specimen.get("verdict", ""),
+            "specimen_reason": _text(specimen.get("reason"), LONGEST_TEXT),
+            "takt_s": self.tested.takt_s(name) if specimen else None,
             "rig_state": "" if running else _text(result.get("rig_state"), 20),
             "text": "" if running else _sentences(result.get("lines")),
             "report": not running and _is_own(run.report), "pdf": not running and _has_pdf(run),
@@ -124,10 +126,7 @@ class History:
 
     @staticmethod
     def _ending(run: CampaignFolder, result: dict[str, Any]) -> tuple[str, str]:
-        """How a run ended: a word, and the code of what stopped it."""
-        live = str(read_json(run.live_link).get("folder", ""))
-        if live and held(Path(live) / LOCK):
-            return "running", ""
+        """How a run that does not run ended: a word, and the code of what stopped it."""
         if not run.journal.is_file():
             return "imported", ""
         if result.get("refused"):
@@ -136,6 +135,25 @@ class History:
             return "interrupted", ""
         stopped = result.get("stopped_by")
         return ("stopped", str(stopped)) if stopped else ("finished", "")
+
+
+def _live_folder(run: CampaignFolder) -> Path | None:
+    """Of a campaign that runs; None where it does not."""
+    live = str(read_json(run.live_link).get("folder", ""))
+    return Path(live) if live and held(Path(live) / LOCK) else None
+
+
+def verdict_before_report(live: Path) -> dict[str, str]:
+    """Verdict on the specimen before the report is written: `verdict`, `reason`; empty until it is known.
+
+    Args:
+        live: its live folder.
+    """
+    ended = read_json(live / STATE).get("ended") or {}
+    specimen = ended.get("specimen") or {}
+    complete = ended.get("valid") == ended.get("total") and ended.get("rig_state") == "safe"
+    known = complete and not ended.get("stopped_by") and specimen.get("verdict") in TITLES
+    return {name: str(specimen.get(name, "")) for name in ("verdict", "reason")} if known else {}
 
 
 def _midnight() -> datetime:

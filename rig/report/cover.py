@@ -232,7 +232,7 @@ def _temperatures(points: Sequence[RecordedPoint], display: Display) -> str:
     if not known:
         return ""
     low, high = (display.temperature.value(end) for end in (min(known), max(known)))
-    return f"{low:.1f} to {high:.1f} {display.temperature.symbol}"
+    return f"{low:.1f} to {high:.1f} {display.temperature.unit}"
 
 
 def matrix_tables(run: Run) -> Mapping[str, object]:

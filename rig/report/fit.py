@@ -126,7 +126,7 @@ def _equation(fit: FitRecord, display: Display) -> Blocks:
     for name, ends in [] if fit.tested is None else fit.tested.ranges():
         if ends is not None:
             title, shown = RANGES[name]
-            unit = "A" if shown is None else shown(display).symbol
+            unit = "A" if shown is None else shown(display).unit
             low, high = ends if shown is None else sorted(map(shown(display).signed, ends))
             rows.append([title, *(number(round(end, 3) + 0.0, 4) for end in (low, high)), unit])
     if not rows:

@@ -92,7 +92,7 @@ def point_table(columns: Sequence[Column], views: Sequence[PointView]) -> blocks
     ]
     heads = [
         blocks.Column(
-            column.title, shown_as(display, column.shown).symbol if column.shown else column.unit, column.numeric
+            column.title, shown_as(display, column.shown).unit if column.shown else column.unit, column.numeric
         ) for column, _ in filled
     ]
     return blocks.table(heads, list(zip(*(cells for _, cells in filled), strict=True)))

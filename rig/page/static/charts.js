@@ -21,7 +21,7 @@ function plain(value) { return isFinite(value) ? String(Number(value.toPrecision
 // What people read: SI values with the unit and the sign of the display.
 const QUANTITIES = {
   force: { unit: "N", scale: 1, offset: 0, sign: 1 }, displacement: { unit: "mm", scale: 1e-3, offset: 0, sign: 1 },
-  speed: { unit: "m/s", scale: 1, offset: 0, sign: 1 }, temperature: { unit: "°C", scale: 1, offset: 0, sign: 1 },
+  speed: { unit: "m/s", scale: 1, offset: 0, sign: 1 }, temperature: { unit: "degC", scale: 1, offset: 0, sign: 1 },
   current: { unit: "A", scale: 1, offset: 0, sign: 1 }, pressure: { unit: "bar", scale: 1e5, offset: 0, sign: 1 },
 };
 function shown(quantity, si) { const { scale, offset, sign } = QUANTITIES[quantity]; return sign * (si - offset) / scale; }

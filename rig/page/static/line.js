@@ -113,7 +113,7 @@ function line_history(message) {
   for (const run of runs.slice(0, 30)) {
     const neutral = ["finished", "imported", "running"].includes(run.ended) ? "" : "bad"; // a run without acceptance bands is not a bad specimen
     const known = VERDICTS[run.specimen_verdict] || [neutral, run.ended], row = element("tr", undefined, known[0] === "good" ? "" : known[0] && "bad");
-    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : run.ended === "running" ? "▶" : known[0] ? "✗" : "–"} ${known[1]}`, "mark"), element("td", with_minus(run.specimen_reason || without_command(run.text))), element("td", seconds(run.takt_s), "numeric"));
+    row.append(element("td", local(run.started).slice(11)), element("td", run.specimen), element("td", `${known[0] === "good" ? "✓" : known[0] ? "✗" : run.ended === "running" ? "▶" : "–"} ${known[1]}`, "mark"), element("td", with_minus(run.specimen_reason || without_command(run.text))), element("td", seconds(run.takt_s), "numeric"));
     body.append(row);
   }
 }

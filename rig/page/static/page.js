@@ -105,12 +105,11 @@ function draw() {
 }
 function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s(); }
 function take_display(display) { // units and signs of `[display]`
-  for (const [name, { unit, scale, offset, sign }] of Object.entries(display || {})) QUANTITIES[name] = { unit: SYMBOLS[unit] || unit, scale, offset, sign };
+  for (const [name, { unit, scale, offset, sign }] of Object.entries(display || {})) QUANTITIES[name] = { unit, scale, offset, sign };
   for (const { chart } of [...loops, ...trends, ...wear]) chart.name_axes();
   trial_charts.signal.name_axes();
   strips.name_axes(); rows_of = null; by_id("peak-unit").textContent = `in ${QUANTITIES.force.unit}`;
 }
-const SYMBOLS = { degC: "°C", degF: "°F", K: "K" };
 // Half ranges (SI) that the loops show at least: of the running point, at rest those of the plan.
 function least_shown(moves) {
   const one = point(), of = (name, most) => {

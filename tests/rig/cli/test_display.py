@@ -64,7 +64,8 @@ def test_the_live_display_shows_point_cycles_numbers_and_time_left() -> None:
         display.phase("running")
         display.progress("p002", 4, 83.0, LIVE)
     shown = text.getvalue()
-    for expected in ("12.3 mm", "-512 N", "1.00 A", "31.2 °C", "3/7", "sine 30 mm 2 Hz 1.5 A", "83 s left", "running"):
+    for expected in ("12.3 mm", "-512 N", "1.00 A", "31.2 degC", "3/7",
+                     "sine 30 mm 2 Hz 1.5 A", "83 s left", "running"):
         assert expected in shown, expected
 
 

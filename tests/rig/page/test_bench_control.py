@@ -460,6 +460,25 @@ def test_a_resumed_run_that_moves_has_neither_the_old_stop_nor_the_old_report(
     assert [control.history.look()[0][key] for key in keys] == ["running", "", False, False, 1]
 
 
+def test_the_verdict_on_the_specimen_is_listed_before_the_report_is_written(
+    control: AnsweringControl, running: Path
+) -> None:
+    verdict_in(control, "MR-101", "ok")  # of the session before
+    name = str(control.history.runs[0]["name"])
+    (control.bench.out / name / "live.json").write_text(json.dumps({"folder": str(running)}))
+    ended = {"valid": 2, "total": 2, "rig_state": "safe", "stopped_by": None}
+    seen, looked = [], []
+    for verdict, stopped_by in (("", None), ("evaluating", None), ("not-ok", "operator"), ("not-ok", None)):
+        found = {**ended, "stopped_by": stopped_by, "specimen": {"verdict": verdict, "reason": "p001"}}
+        replace_json(running / "state.json", {"campaign": str(control.bench.out / name), "ended": found})
+        control._looked_ns = 0
+        looked.append(control.look())
+        entry = control.history.look()[0]
+        seen.append((entry["ended"], entry["specimen_verdict"], entry["specimen_reason"], entry["takt_s"] is None))
+    assert seen == [*[("running", "", "", True)] * 3, ("running", "not-ok", "p001", False)]
+    assert looked == [True, False, False, True], "the list is read again once the verdict is known"
+
+
 def test_values_of_a_hostile_description_are_text_or_nothing(control: AnsweringControl) -> None:
     name = run_in(control, "20260102T030405Z-MR-1-aaaaaa")
     odd = {"points": 3, "specimen": ["x"] * 100, "started_utc": {"a": 1}, "simulated": "yes", "bench": "\x1b[31m"}
