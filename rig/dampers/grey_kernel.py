@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
-from rig.dampers.grey_box import BENDS, ELEMENTS, FADES, POWERS, RANGE, REGRESSORS, SLIP, SPEED, STROKE
+from rig.dampers.grey_regressors import BENDS, ELEMENTS, FADES, POWERS, RANGE, REGRESSORS, SLIP, SPEED, STROKE
 from rig.dampers.kernel import Compiled, ForceTarget, Instant, Kernel, cached, fingerprint, kernel_of, mover, of_state
+from rig.dampers.model import DamperModel
 from rig.dampers.sampled_motion import Motion
-
-if TYPE_CHECKING:
-    from rig.dampers.grey_box import GreyBoxModel
 
 SHARP, MIDDLE, ROUND = BENDS
 
@@ -107,12 +105,12 @@ def _compiled_elements() -> Compiled:
     return cached(_elements(fingerprint()))
 
 
-def _residual(model: GreyBoxModel) -> Compiled:
+def _residual(parts_used: Sequence[str], first: int, states: int) -> Compiled:
     """(p, state, u, v, current) -> the residual force (N)."""
-    middle, ends = model.first, model.first + len(RANGE)
-    place, parts = ends + (ELEMENTS if SLIP in model.parts else 0), dict.fromkeys((SLIP, SPEED, STROKE), _nothing)
-    for part in model.parts:
-        made = {SLIP: lambda k: _slip(k, model.base.states), SPEED: _speed, STROKE: _stroke}[part]
+    middle, ends = first, first + len(RANGE)
+    place, parts = ends + (ELEMENTS if SLIP in parts_used else 0), dict.fromkeys((SLIP, SPEED, STROKE), _nothing)
+    for part in parts_used:
+        made = {SLIP: lambda k: _slip(k, states), SPEED: _speed, STROKE: _stroke}[part]
         parts[part] = made(place)
         place += POWERS * len(REGRESSORS[part])
     slip, speed, stroke = parts[SLIP], parts[SPEED], parts[STROKE]
@@ -131,11 +129,18 @@ def _residual(model: GreyBoxModel) -> Compiled:
     return residual
 
 
-def grey_kernel(model: GreyBoxModel) -> Kernel:
-    """The kernel of a grey-box model; its states are the physical model's, then those of the elements."""
-    inner, own, elements = kernel_of(model.base), model.base.states, model.states - model.base.states
-    residual, inner_force, move = _residual(model), of_state(inner, own), mover(inner)
-    travel = model.first + len(RANGE)
+def grey_kernel(base: DamperModel, parts: Sequence[str], first: int, states: int) -> Kernel:
+    """The kernel of a grey-box model; its states are the physical model's, then those of the elements.
+
+    Args:
+        base: the physical model.
+        parts: parts of the residual.
+        first: place of the residual's first parameter in the kernel's vector.
+        states: number of all states.
+    """
+    inner, own, elements = kernel_of(base), base.states, states - base.states
+    residual, inner_force, move = _residual(parts, first, own), of_state(inner, own), mover(inner)
+    travel = first + len(RANGE)
 
     @njit()
     def whole(p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float) -> float:
@@ -160,7 +165,7 @@ def grey_kernel(model: GreyBoxModel) -> Kernel:
         return True
 
     made = Kernel(inner.force, whole=whole)
-    if model.states:
+    if states:
         made = replace(made, step=step if own else only_slipped)
     inner_held = inner.held
     if inner_held is None:

@@ -10,7 +10,8 @@ import numpy as np
 from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel
-from rig.dampers.grey_box import ELEMENTS, SLIP, GreyBoxModel, residual_force
+from rig.dampers.grey_box import GreyBoxModel
+from rig.dampers.grey_regressors import ELEMENTS, SLIP, residual_force
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement

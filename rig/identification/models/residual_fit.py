@@ -17,17 +17,19 @@ from itertools import combinations
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.grey_box import (
-    ELEMENTS,
-    PARTS,
-    GreyBoxModel,
-    regressors,
-    weight_names,
-    with_residual,
-)
+from rig.dampers.grey_box import with_residual
+from rig.dampers.grey_regressors import PARTS, weight_names
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, all_but, first_cycle, set_of, spaced
-from rig.identification.models.model_slope import element_states, modelled_force
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.residual_equations import (
+    columns_along,
+    equations_of,
+    places_of,
+    ranges_of,
+    summed,
+    weights_of,
+)
 from rig.identification.models.solving import Method, solve_folds
 
 SAMPLES = 250  # of a cycle
@@ -35,9 +37,6 @@ FEWEST_GROUPS = 3  # of tests: of two, a fold would choose from one
 NO_GAIN = "residual-no-gain"
 GAIN = 0.02  # share of the physical model's error on tests left out by which the residual must lower it
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # share of each regressor's own power
-SHORTEST = 0.04  # travel of the first element, as a share of the smallest amplitude
-LEAST_A, LEAST_V_M_S, LEAST_M = 0.05, 1e-6, 1e-9  # of half a tested range
-ABSENT = 1e-12  # share of the greatest power of a regressor below which the tests do not excite it
 CLOSED = (1.0, 0.6, 0.3, 0.1)  # share of the tested motions on which the energy of closed cycles is checked
 SHRINK = (1.0, 0.75, 0.5, 0.25)
 
@@ -105,85 +104,14 @@ def fit_residual(
     chosen, ridge = choices[best]
     grey = with_residual(model, chosen)
     ranges, left = ranges_of(tests), [test.force_N - modelled_force(model, values, test) for test in tests]
-    normal, right = _summed([_equations(ranges, test, left_N) for test, left_N in zip(tests, left, strict=True)])
-    ranges, weights = {**ranges, "ridge": ridge}, _solved(normal, right, chosen, ridge)
+    normal, right = summed([equations_of(ranges, test, left_N) for test, left_N in zip(tests, left, strict=True)])
+    ranges, weights = {**ranges, "ridge": ridge}, weights_of(normal, right, chosen, ridge)
     for share in SHRINK:
         known = {**ranges, **dict(zip(weight_names(chosen), (share * weights).tolist(), strict=True))}
         own = {name: known[name] for name in grey.names[len(model.names) :]}
         if _dissipates(model, values, grey, own, tests):
             return ResidualFit(grey, own, ridge, by_test, with_it, "", share)
     return ResidualFit(model, {}, ridge, by_test, with_it, "residual-not-passive")
-
-
-def residual_values(
-    model: GreyBoxModel, values: Mapping[str, float], tests: Sequence[Measurement], ridge: float
-) -> dict[str, float]:
-    """The residual's values (SI) for some tests, its parts and ridge given.
-
-    Args:
-        model: the grey-box model.
-        values: of its physical model, fitted to these tests (SI).
-        tests: the tests.
-        ridge: the penalty (1).
-    """
-    ranges = ranges_of(tests)
-    normal, right = _summed([
-        _equations(ranges, test, test.force_N - modelled_force(model.base, values, test)) for test in tests
-    ])
-    weights = zip(weight_names(model.parts), _solved(normal, right, model.parts, ridge).tolist(), strict=True)
-    known = {**ranges, "ridge": ridge, **dict(weights)}
-    return {name: known[name] for name in model.residual_names}
-
-
-def ranges_of(tests: Sequence[Measurement]) -> dict[str, float]:
-    """The residual's ranges and travels for some tests, by name (SI)."""
-    (low_m, high_m), (low_v, high_v), (low_A, high_A) = (
-        (min(low for low, _ in ends), max(high for _, high in ends))
-        for ends in zip(*(test.reaches for test in tests), strict=True)
-    )
-    amplitudes = [0.5 * (test.reaches[0][1] - test.reaches[0][0]) for test in tests]
-    travels = np.geomspace(max(SHORTEST * min(amplitudes), LEAST_M), max(*amplitudes, LEAST_M), ELEMENTS)
-    return {
-        "u_mid": 0.5 * (low_m + high_m), "u_half": max(0.5 * (high_m - low_m), LEAST_M),
-        "v_top": max(abs(low_v), abs(high_v), LEAST_V_M_S),
-        "i_mid": 0.5 * (low_A + high_A), "i_half": max(0.5 * (high_A - low_A), LEAST_A),
-        **{f"travel_{k}": float(travel) for k, travel in enumerate(travels, start=1)},
-    }  # fmt: skip
-
-
-def _columns(ranges: Mapping[str, float], test: Measurement) -> FloatArray:
-    """All regressors along a test, (n, weights)."""
-    z = element_states(ranges, test)
-    return regressors(PARTS, ranges, test.u_m, test.v_m_s, test.current_A, z)
-
-
-def _equations(ranges: Mapping[str, float], test: Measurement, left_N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Normal matrix and right side of what a test leaves, (n,) N, in squares of its peak."""
-    columns, left = _columns(ranges, test)[test.scored], left_N[test.scored]
-    counts = test.peak_force_N**2 * left.size
-    return columns.T @ columns / counts, columns.T @ left / counts
-
-
-def _summed(equations: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    return np.sum([one for one, _ in equations], axis=0), np.sum([one for _, one in equations], axis=0)
-
-
-def _places(parts: Sequence[str]) -> FloatArray:
-    """Columns of all regressors that belong to some parts."""
-    every = weight_names(PARTS)
-    return np.array([every.index(name) for name in weight_names(parts)])
-
-
-def _solved(normal: FloatArray, right: FloatArray, parts: Sequence[str], ridge: float) -> FloatArray:
-    """The weights (N) of some parts; 0 of what the tests do not excite."""
-    places = _places(parts)
-    block, wanted = normal[np.ix_(places, places)], right[places]
-    power = np.diag(block)
-    excited = power > ABSENT * np.max(power, initial=1e-300)
-    weights = np.zeros(places.size)
-    rows = np.ix_(excited, excited)
-    weights[excited] = np.linalg.solve(block[rows] + np.diag(ridge * power[excited]), wanted[excited])
-    return weights
 
 
 def _cross_validated(
@@ -199,14 +127,14 @@ def _cross_validated(
     for group, values in zip(groups, folds, strict=True):
         ranges = ranges_of(all_but(tests, group))
         left = [test.force_N - modelled_force(model, values, test) for test in tests]
-        normal, right = _summed([
-            _equations(ranges, test, left[number]) for number, test in enumerate(tests) if number not in group
+        normal, right = summed([
+            equations_of(ranges, test, left[number]) for number, test in enumerate(tests) if number not in group
         ])
-        seen = [(tests[number], left[number], _columns(ranges, tests[number])) for number in group]
+        seen = [(tests[number], left[number], columns_along(ranges, tests[number])) for number in group]
         physical += [_percent(test, left_N) for test, left_N, _ in seen]
         for place, (parts, ridge) in enumerate(choices):
             weights = np.zeros(right.size)
-            weights[_places(parts)] = _solved(normal, right, parts, ridge)
+            weights[places_of(parts)] = weights_of(normal, right, parts, ridge)
             errors[place] += [_percent(test, left_N - columns @ weights) for test, left_N, columns in seen]
     return physical, np.array(errors)
 

@@ -27,6 +27,7 @@ from rig.identification.models.measurement import Measurement, all_but
 from rig.identification.models.model_slope import modelled_force, without_residual
 from rig.identification.models.problem import FixedParameters, Problem, unmirrored
 from rig.identification.models.projection import Weight, Weighting
+from rig.identification.models.residual_equations import residual_values
 from rig.identification.models.separable import (
     NON_NEGATIVE,
     Solution,
@@ -193,8 +194,6 @@ def solve_folds(
     """
     rests = [all_but(measurements, group) for group in groups]
     if isinstance(model, GreyBoxModel) and near is not None:
-        from rig.identification.models.residual_fit import residual_values  # that module builds on this one
-
         physical = solve_folds(model.base, measurements, groups, method, model.of_base(near))
         return [
             {**values, **residual_values(model, values, rest, near["ridge"])}

@@ -8,7 +8,8 @@ import pytest
 
 import rig.dampers
 from rig.dampers.arrays import FloatArray
-from rig.dampers.grey_box import ELEMENTS, UnknownPart, residual_force, weight_names
+from rig.dampers.grey_box import UnknownPart
+from rig.dampers.grey_regressors import ELEMENTS, residual_force, weight_names
 from rig.errors import IdentificationFailed
 from rig.fits.fit_record import FitRecord
 from rig.identification import Fit, Measurement, identify
