@@ -6,15 +6,18 @@ file and names the file in the bench file that it writes; the processes that wat
 So no limit is exceeded because the computer is busy, and none is wider for a process that hangs, is stopped or is dead:
 the rig does not wait for those.
 
-    offset  size  header (little-endian)
+    offset  size  header
        0      8   magic "RIGCLOCK"
        8      4   process id of the simulated rig u32; it holds an exclusive lock on the file while it lives
-      16      8   sequence u64: odd while the three numbers below are being written
-      24      8   rig's clock i64, ns
-      32      8   the machine's clock at that moment i64, ns
-      40      8   how far the rig's clock may run on from there i64, ns; 0 while it pauses
-     256     32   for each `Role`: process id u32, 4 bytes unused, when it must have run again i64 (rig's clock, ns)
+      16      8   sequence: odd while the three numbers below are being written
+      24      8   rig's clock, ns
+      32      8   the machine's clock at that moment, ns
+      40      8   how far the rig's clock may run on from there, ns; 0 while it pauses
+     256     16   for each `Role`: process id, when it must have run again (rig's clock, ns)
     1024      4   bytes of the addresses u32, then the rig's own addresses, one a line (UTF-8)
+
+What changes while others read it is an i64 at a multiple of 8, written as one word of the machine (`words`). `struct`
+first clears the bytes: a reader then saw a clock of 0, took its rig for one that hangs, and no longer waited for it.
 """
 
 from __future__ import annotations
@@ -34,9 +37,10 @@ from drivers.processes import stat_fields
 
 MAGIC = b"RIGCLOCK"
 SIZE = 1 << 16
-OFFSET_PID, OFFSET_SEQUENCE, OFFSET_CLOCK, OFFSET_ROLES, OFFSET_ADDRESSES = 8, 16, 24, 256, 1024
-NUMBER, SEQUENCE, CLOCK = struct.Struct("<I"), struct.Struct("<Q"), struct.Struct("<qqq")
-FOLLOWER = struct.Struct("<Iiq")
+OFFSET_PID, OFFSET_ADDRESSES = 8, 1024
+NUMBER = struct.Struct("<I")
+SEQUENCE, CLOCK, MACHINE, AHEAD, ROLES = 2, 3, 4, 5, 32
+"""Words of the file, see `words`; from `ROLES` on two for each role: process id, and when it must have run again."""
 NEVER_NS = (1 << 63) - 1
 LOOK_NS = 50_000_000
 """A rig that has not written its clock for so long is looked at: it may have been stopped or killed."""
@@ -55,6 +59,11 @@ class Role(IntEnum):
     STATION = 1
     SETPOINTS = 2
     STEPS = 3
+
+
+def words(file: mmap.mmap) -> memoryview:
+    """The file as words of 8 bytes; each is read and written as a whole."""
+    return memoryview(file).cast("q")
 
 
 class ClockRefused(ValueError):
@@ -87,6 +96,7 @@ class SharedClock:
                 raise ClockRefused(f"{path}: the simulated rig that owns this clock has ended. Fix: start the "
                     "simulated rig again")
             self._map = mmap.mmap(handle, SIZE)
+            self._words = words(self._map)
         finally:
             os.close(handle)
         self._rig = NUMBER.unpack_from(self._map, OFFSET_PID)[0]
@@ -142,7 +152,9 @@ class SharedClock:
             self._state(self._role, 0, NEVER_NS)
 
     def _state(self, role: Role, process: int, due_ns: int) -> None:
-        FOLLOWER.pack_into(self._map, OFFSET_ROLES + FOLLOWER.size * role, process, 0, due_ns)
+        place = ROLES + 2 * role
+        self._words[place + 1] = due_ns
+        self._words[place] = process
 
     def leave(self) -> None:
         """The same, and the time goes on from here as the machine's does."""
@@ -151,10 +163,11 @@ class SharedClock:
         self._role = None
 
     def _read(self) -> tuple[int, int, int]:
+        file = self._words
         for _ in range(TRIES):
-            (before,) = SEQUENCE.unpack_from(self._map, OFFSET_SEQUENCE)
-            numbers = CLOCK.unpack_from(self._map, OFFSET_CLOCK)
-            if before % 2 == 0 and SEQUENCE.unpack_from(self._map, OFFSET_SEQUENCE)[0] == before:
+            before = file[SEQUENCE]
+            numbers = file[CLOCK], file[MACHINE], file[AHEAD]
+            if before % 2 == 0 and file[SEQUENCE] == before:
                 return numbers
         return self._last_ns, time.monotonic_ns(), 0  # the rig was held up while it wrote
 

@@ -12,22 +12,22 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from drivers.clock import (
+    AHEAD,
     CLOCK,
-    FOLLOWER,
+    MACHINE,
     MAGIC,
     NEVER_NS,
     NUMBER,
     OFFSET_ADDRESSES,
-    OFFSET_CLOCK,
     OFFSET_PID,
-    OFFSET_ROLES,
-    OFFSET_SEQUENCE,
+    ROLES,
     SEQUENCE,
     SIZE,
     ProcessState,
     Role,
     process_state,
     running,
+    words,
 )
 
 AHEAD_NS, AHEAD_FAST_NS = 5_000_000, 3_000_000
@@ -120,13 +120,14 @@ class SharedClock:
         fcntl.flock(self._handle, fcntl.LOCK_EX)
         os.ftruncate(self._handle, SIZE)
         self._map = mmap.mmap(self._handle, SIZE)
+        self._words = words(self._map)
         listed = "\n".join(addresses).encode("utf-8")
         NUMBER.pack_into(self._map, OFFSET_PID, os.getpid())
         NUMBER.pack_into(self._map, OFFSET_ADDRESSES, len(listed))
         begin = OFFSET_ADDRESSES + NUMBER.size
         self._map[begin : begin + len(listed)] = listed
         for role in Role:
-            FOLLOWER.pack_into(self._map, OFFSET_ROLES + FOLLOWER.size * role, 0, 0, NEVER_NS)
+            self._words[ROLES + 2 * role + 1] = NEVER_NS
         self.now_ns = self._began_ns = self._machine_ns = machine_ns
         self._ahead_ns = self._sequence = self._looked_ns = 0
         self._setpoint_ns = NEVER_NS
@@ -149,7 +150,7 @@ class SharedClock:
         self._setpoint_ns = NEVER_NS
         late = False
         for role in Role:
-            process, _, due_ns = FOLLOWER.unpack_from(self._map, OFFSET_ROLES + FOLLOWER.size * role)
+            process, due_ns = self._words[ROLES + 2 * role], self._words[ROLES + 2 * role + 1]
             exact = role in EXACT
             allowed_ns = SETPOINT_LATE_NS if exact else self._allowed_ns
             follower = self._followers.get(role)
@@ -194,14 +195,16 @@ class SharedClock:
         """From now on the host's time is its own again."""
         self._ahead_ns = NEVER_NS >> 1
         self._write()
+        self._words.release()
         self._map.close()
         os.close(self._handle)
 
     def _write(self) -> None:
-        SEQUENCE.pack_into(self._map, OFFSET_SEQUENCE, self._sequence + 1)
-        CLOCK.pack_into(self._map, OFFSET_CLOCK, self.now_ns, self._machine_ns, self._ahead_ns)
+        file = self._words
+        file[SEQUENCE] = self._sequence + 1
+        file[CLOCK], file[MACHINE], file[AHEAD] = self.now_ns, self._machine_ns, self._ahead_ns
         self._sequence += 2
-        SEQUENCE.pack_into(self._map, OFFSET_SEQUENCE, self._sequence)
+        file[SEQUENCE] = self._sequence
 
 
 def wants_processor(process: int) -> bool:

@@ -18,8 +18,8 @@ import pytest
 
 import simulators.rig
 from drivers import clock
+from drivers.clock import AHEAD, CLOCK, MACHINE, OFFSET_PID, ROLES, SEQUENCE, ClockRefused, Role, running
 from drivers.clock import LOOK_NS as READER_LOOKS_NS
-from drivers.clock import OFFSET_PID, ClockRefused, Role, running
 from drivers.roles import FaultBit, WatchdogAction
 from simulators.bench import Addresses
 from simulators.options import RigOptions
@@ -53,6 +53,38 @@ def written(tmp_path: Path) -> Iterator[SharedClock]:
     kept = SharedClock(tmp_path / "clock", MINE, time.monotonic_ns(), fast=False)
     yield kept
     kept.close()
+
+
+class Stores:
+    """The words of a clock's file, and each that was written: what another process can read at any moment."""
+
+    def __init__(self, words: memoryview) -> None:
+        self.words = words
+        self.made: list[tuple[int, int]] = []
+
+    def __getitem__(self, place: int) -> int:
+        return int(self.words[place])
+
+    def __setitem__(self, place: int, value: int) -> None:
+        self.words[place] = value
+        self.made.append((place, value))
+
+
+def test_no_reader_sees_a_part_of_a_number(written: SharedClock, tmp_path: Path) -> None:
+    reader = clock.SharedClock(tmp_path / "clock", Role.STATION)
+    words = written._words
+    stores = Stores(words)
+    written._words = reader._words = stores  # type: ignore[assignment]  # as far as they use it
+    reader.due(1, 5 * MS)
+    reader.due(1, 7 * MS)
+    place = ROLES + 2 * Role.STATION
+    assert stores.made == [(place + 1, 5 * MS), (place, os.getpid()), (place + 1, 7 * MS), (place, os.getpid())]
+    stores.made.clear()
+    written.go_on(waiting=False)
+    assert [place for place, _ in stores.made] == [SEQUENCE, CLOCK, MACHINE, AHEAD, SEQUENCE]
+    assert [value % 2 for place, value in stores.made if place == SEQUENCE] == [1, 0]
+    written._words = words
+    assert struct.unpack_from("=3q", written._map, 24) == tuple(value for _, value in stores.made[1:4])
 
 
 def state(process: subprocess.Popen[bytes], expected: str) -> None:
