@@ -85,6 +85,12 @@ class Shown:
         """A magnitude with its unit: "30 mm"."""
         return f"{self.value(si):.{digits}g} {self.unit}"
 
+    def at_least(self, si: float, digits: int = 4) -> str:
+        """The least magnitude with its unit that is not below this one (SI, positive): it is entered as a setting."""
+        value = self.value(si)
+        step = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
+        return f"{math.ceil(value / step - 1e-6) * step:.{digits}g} {self.unit}"
+
     def signed_text(self, si: float, digits: int = 4) -> str:
         """A value that is positive in rebound, with the sign of the display and the unit: "-1234 N"."""
         return f"{self.signed(si) + 0.0:.{digits}g} {self.unit}"

@@ -22,7 +22,7 @@ from rig.characteristics.loop import (
     over_cycles,
     without_cut_ends,
 )
-from rig.errors import IdentificationFailed, RigError, evaluating
+from rig.errors import IdentificationFailed, RigError, evaluating, some
 from rig.fits.plain import plain
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.current_steps import CurrentLag, lag_of
@@ -176,7 +176,7 @@ def _merged(loops: Sequence[LoopCharacteristics], groups: TestSet) -> Iterator[s
         values = [loop.motion_read.frequency_Hz for loop in members if math.isfinite(loop.motion_read.frequency_Hz)]
         if values and are_separable(min(values), max(values), max(one.motion_read.frequency_std_Hz for one in members)):
             yield (
-                f"{', '.join(loop.id for loop in members[:SHOWN])}{' ...' * (len(members) > SHOWN)}: frequencies of "
+                f"{some([loop.id for loop in members], most=SHOWN)}: frequencies of "
                 f"{min(values):.4g} to {max(values):.4g} Hz are evaluated as repeats of one motion, because they "
                 f"differ by less than {100 * MOTION_SHARE:.0f} %"
             )

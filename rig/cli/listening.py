@@ -18,7 +18,7 @@ from protocols.errors import LocalProtocolError
 from protocols.guess_can import CanFrame, read_candump, summaries
 from rig import units
 from rig.cli.output import say, write_json
-from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError, some
 from rig.files.described import described
 from rig.files.network_text import LARGEST_NETWORK_BYTES, dbc_text
 
@@ -322,7 +322,7 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
                       for one in answer["examples"])  # fmt: skip
     lines.append(f"readings: {shown}")
     if answer["missed"]:
-        places = ", ".join(f"{one['bytes']} at {one['offset']}" for one in answer["missed"][:SHOWN])
+        places = some([f"{one['bytes']} at {one['offset']}" for one in answer["missed"]], most=SHOWN)
         lines.append(f"bytes that do not belong to any reading: {places}")
     if "toml" in answer:
         lines += ["", "lines for a bench file:", "", answer["toml"]]

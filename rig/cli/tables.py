@@ -16,7 +16,7 @@ from rich.style import Style
 from rig.document.blocks import Block, Blocks, Column, Note, Paragraph, Row, table
 from rig.document.terminal import Line, lines
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, all_of
-from rig.errors import clean_text
+from rig.errors import clean_text, some
 from rig.jobs.time_left import duration
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def _spans(ids: Sequence[str], order: Sequence[str]) -> str:
         order[span[0]] if len(span) == 1 else f"{order[span[0]]}{' to ' if len(span) > 2 else ', '}{order[span[-1]]}"
         for span in spans
     ]
-    return ", ".join(words[:MOST_SPANS]) + (", ..." if len(words) > MOST_SPANS else "")
+    return some(words, most=MOST_SPANS)
 
 
 def _endurance(plan: Plan) -> Iterator[str]:

@@ -27,7 +27,7 @@ from rig.comparison.readings import (
     readings_of,
 )
 from rig.display import Display
-from rig.errors import RigError
+from rig.errors import RigError, some
 from rig.jobs.workers import HERE, Job, Workers
 from rig.recording.run import Run
 from rig.signals.test_set import MOTION_SHARE
@@ -226,10 +226,9 @@ class Comparison:
             if any(row.loops[0] and row.loops[index] for row in self.rows):
                 for labels, where in ((extra, "not in the first run"), (alone, "only in the first run")):
                     if labels:
-                        more = ", ..." * (len(labels) > MOST_LABELS)
                         yield (
                             f"{run.name}: {len(labels)} motion(s) {where}, therefore not compared: "
-                            f"{'; '.join(labels[:MOST_LABELS])}{more}"
+                            f"{some(labels, '; ', MOST_LABELS)}"
                         )
 
     def to_json(self) -> dict[str, Any]:

@@ -131,7 +131,7 @@ def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[
             f"stopping distance: with a deceleration of {deceleration}, the rod stops between "
             f"{shown.span(*reached, word='and')}; allowed: {shown.span(*room_m)}"
         )
-        fits = stop_fits(point, matrix, bench, room_m).text
+        fits = stop_fits(point, matrix, bench, room_m).text(display)
         yield Reason("stopping-distance", f"{text}; {fits}" if fits else text)
 
 

@@ -11,12 +11,12 @@ from functools import lru_cache
 import numpy as np
 
 from rig.bench.model import Bench
+from rig.display import Display
 from rig.matrix.model import Matrix
 from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS, Cycles, Reach, halted_m, reach
 from rig.signals.waveform import Waveform
 from rig.test_point import HYBRID, TestPoint
-from rig.units import show
 
 HARDEST_FIT_M_S2 = 500.0
 """No bench file may ask for more (`[actuator] halt_deceleration`)."""
@@ -36,14 +36,14 @@ class StopFit:
     halt_deceleration_m_s2: float | None
     centre_m: float | None
 
-    @property
-    def text(self) -> str:
-        """In words; empty where there is nothing."""
+    def text(self, display: Display) -> str:
+        """In words, with the sign and units of entries in a file; empty where there is nothing."""
         fits = []
         if self.halt_deceleration_m_s2 is not None:
-            fits.append(f'halt_deceleration = "{self.halt_deceleration_m_s2:g} m/s^2" is sufficient')
+            least = display.acceleration.at_least(self.halt_deceleration_m_s2)
+            fits.append(f'halt_deceleration = "{least}" is sufficient')
         if self.centre_m is not None:
-            fits.append(f"a centre (mid_stroke) of {show(self.centre_m, 'mm')} is sufficient")
+            fits.append(f"a centre (mid_stroke) of {display.displacement.text(self.centre_m)} is sufficient")
         return "; ".join(fits)
 
 

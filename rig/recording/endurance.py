@@ -163,9 +163,11 @@ class EnduranceLedger:
         self._pieces: list[BlockPiece] = []
         self._lost: dict[str, int] = {}
         self._joined: Sections | None = None
+        self._followed: dict[StopRule, FollowedRule] = {}
 
     def add(self, piece: BlockPiece) -> None:
         """Enter a piece; one of a file that is known already replaces it."""
+        self._followed.clear()
         follows = not self._pieces or _place(piece) > _place(self._pieces[-1])
         if not follows:
             self._pieces = [known for known in self._pieces if known.file != piece.file]
@@ -281,6 +283,11 @@ class EnduranceLedger:
         Args:
             rule: one of the test's.
         """
+        if rule not in self._followed:
+            self._followed[rule] = self._follow(rule)
+        return self._followed[rule]
+
+    def _follow(self, rule: StopRule) -> FollowedRule:
         followed = []
         for sections in self.sections.groups:
             change = changes(rule, sections, baseline_of(sections, self._run_in))

@@ -13,9 +13,28 @@ from rig.document.words import Code
 
 ROUTINE = frozenset({"phase", "point", "rest", "result", "signature"})
 """Reported by other sections, or the same in every campaign."""
-NAMES = ("slug", "what", "code", "id")
+NAMES = ("slug", "code", "id")
 WORDS = ("detail", "text", "operator", "note")
-SILENT = frozenset({"utc", "host_ns", "event", "t_ns", "file", *NAMES, *WORDS})
+SILENT = frozenset({"utc", "host_ns", "event", "t_ns", "file", "what", *NAMES, *WORDS})
+TITLES = {
+    "connected": "Devices connected", "dropped": "Record not used", "ended": "Software ended", "endurance": "Endurance",
+    "error": "Error", "finding": "Finding", "info": "Message", "judged": "Point evaluated", "operator": "Operator",
+    "refused": "Refused", "requalified": "Requalified", "resumed": "Resumed", "retimed": "Time alignment corrected",
+    "station": "Monitoring", "warning": "Warning", "withdrawn": "Points not run",
+}  # fmt: skip
+"""An event of the journal as the table shows it; one that is not listed keeps its name."""
+SUBTITLES = {
+    "operator": {
+        "begun": "Resumed by the operator", "said": "Entry by the operator", "set": "Current set by the operator",
+    },
+    "station": {
+        "also": "Further fault", "ended": "Monitoring ended", "hybrid": "Hybrid test", "late": "Monitoring late",
+        "ready": "Monitoring ready", "safe": "Safe state reached", "sent": "Command sent",
+        "setpoints": "Set-points sent", "stop": "Step of the stop", "trip": "Fault: stop triggered",
+        "unknown": "State of the rig unknown", "warning": "Warning",
+    },
+}  # fmt: skip
+"""The same for the events that differ by their `what`."""
 MOST_ROWS = 60
 MOST_FIELDS = 6
 LONGEST = 300
@@ -23,7 +42,12 @@ LONGEST = 300
 
 @dataclass
 class CampaignEvent:
-    """Events of one kind: the first and last time (UTC), how often, and the text of the last."""
+    """Events of one kind: the first and last time (UTC), how often, and the text of the last.
+
+    Attributes:
+        kind: what happened, in words.
+        name: code, or id of the point; empty where there is none.
+    """
 
     kind: str
     name: str
@@ -52,7 +76,7 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
     more = len(happened) - len(rows)
     count = Column("Count", "", True)
     zone = zone_of(happened[0].first) or "UTC"
-    head: list[Head] = [f"First, {zone}", f"Last, {zone}", "Event", "Code or name", count, "Latest message or values"]
+    head: list[Head] = [f"First, {zone}", f"Last, {zone}", "Event", "Code or point", count, "Latest message or values"]
     rest: Blocks = [Paragraph(f"Further kinds of event in journal.jsonl: {more}.", small=True)] if more > 0 else []
     return [*title, table(head, rows), *rest]
 
@@ -66,7 +90,8 @@ def campaign_events(log: Sequence[Mapping[str, Any]]) -> list[CampaignEvent]:
             continue
         name = next((str(line[key]) for key in NAMES if line.get(key)), "")
         when = str(line.get("utc", ""))
-        one = known.setdefault((kind, name), CampaignEvent(kind, name, when))
+        title = SUBTITLES.get(kind, {}).get(str(line.get("what")), TITLES.get(kind, kind))
+        one = known.setdefault((title, name), CampaignEvent(title, name, when))
         one.last, one.count, one.words = when, one.count + 1, _words(line)
     return list(known.values())
 

@@ -33,7 +33,7 @@ from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, PLUS_MINUS, between, number, signed
 from rig.document.style import FITTED, MEASURED, RESIDUAL
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Key, Label, Shade, Strong, Words
-from rig.errors import RigError
+from rig.errors import RigError, some
 from rig.fits.entries import (
     ErrorSummary,
     Estimate,
@@ -296,7 +296,7 @@ def _correlation(fit: FitRecord) -> Blocks:
         key=lambda pair: -pair[0],
     )
     strong = [f"{b} and {a} ({number(rows[a][b], 2)})" for size, a, b in pairs if size > STRONG_CORRELATION]
-    stated = f"Correlation above {STRONG_CORRELATION:g}: {', '.join(strong[:MOST_PAIRS])}." if strong else (
+    stated = f"Correlation above {STRONG_CORRELATION:g}: {some(strong, most=MOST_PAIRS)}." if strong else (
         f"No pair of parameters has a correlation above {STRONG_CORRELATION:g}."
     )  # fmt: skip
     cells = [[a, *(_heat(rows[a].get(b, math.nan)) for b in names)] for a in names]

@@ -11,7 +11,9 @@ import numpy as np
 from rig.signals.arrays import FloatArray
 from rig.signals.step_response.crossings import WIDER, Crossing, Crossings
 from rig.signals.step_response.lag_fit import (
+    COURSE_SHARE,
     FEWEST_AFTER,
+    SETTLING_SHARE,
     Group,
     LagFit,
     describes,
@@ -26,11 +28,8 @@ from rig.signals.step_response.result import LEVELS, NORMAL, NOT_KNOWN, State, S
 
 FEWEST_BEFORE = 4
 """Samples of a record before its step."""
-SETTLING_SHARE = -math.expm1(-4.0)
-"""Share of the step that the window must show; 4 time constants of one lag. With less, the drift cannot be
-distinguished from the response."""
-INSIDE_SHARE, FEWEST_INSIDE = -math.expm1(-3.0), 2
-"""Samples of all records until this share of the step; with fewer, the response lies between two samples."""
+FEWEST_INSIDE = 2
+"""Samples of all records on the course of the response; with fewer, the response lies between two samples."""
 LEAST_STD_S = 1e-6
 VISIBLE = 5.0
 """Standard errors that the step itself must be."""
@@ -77,7 +76,7 @@ def step_response(records: Sequence[Record], seen: Seen = UNFILTERED) -> StepRes
                         correlation=fit.noise.next, order=2)
     if group.resolution > COARSEST * abs(size):
         return replace(known, why="the resolution of the sensor is too coarse for the step")
-    course = max(1, group.inside(fit.lags.dead_s, fit.lags.time_to_s(INSIDE_SHARE)))
+    course = max(1, group.inside(fit.lags.dead_s, fit.lags.time_to_s(COURSE_SHARE)))
     if abs(size) * math.sqrt(course) < LEAST_CLEAR * known.noise:
         return replace(known, why="the noise is too high to show the shape of the response")
     return _Times(group, fit).of(known)
@@ -89,7 +88,7 @@ class _Times:
     def __init__(self, group: Group, fit: LagFit) -> None:
         self._group, self._fit, self._lags = group, fit, fit.lags
         self._slow = self._lags.time_to_s(SETTLING_SHARE) > group.window_s
-        end_s = self._lags.time_to_s(INSIDE_SHARE)
+        end_s = self._lags.time_to_s(COURSE_SHARE)
         coarse = group.inside(self._lags.dead_s, end_s) < FEWEST_INSIDE
         self._gap_s = group.gap_s(self._lags.dead_s, end_s) if coarse else 0.0
 

@@ -20,6 +20,10 @@ from rig.signals.step_response.lines import Lines
 from rig.signals.step_response.noise import Noise, noise_of, with_scatter
 from rig.signals.step_response.records import Record, Seen, drift_columns
 
+SETTLING_SHARE = -math.expm1(-4.0)
+"""Share of the step after which the response counts as settled; 4 time constants of one lag."""
+COURSE_SHARE = -math.expm1(-3.0)
+"""Share of the step up to which samples show the course of the response; 3 time constants of one lag."""
 FASTEST_OF_WINDOW = 1e-4
 HIGHEST_PRODUCT = 1.0
 """Of two lags; the damping ratio is 0.5 there and the response overshoots by 16 %."""
@@ -27,7 +31,7 @@ PRODUCT_STARTS = (0.06, 0.2)
 SPLIT = 1.5
 """By how much the dead time of a single lag is longer than that of two, in products of the lags over their sum."""
 FEWEST_FOR_TWO = 8
-"""Samples of all records within three lags, with fewer, two lags are not distinguished from one."""
+"""Samples of all records on the course of the response; with fewer, two lags are not distinguished from one."""
 SCREENED = 1.0
 """Least gain by a linear step, in variances of the noise, for which two lags are fitted at all."""
 FEWEST_AFTER = 6
@@ -186,7 +190,7 @@ def fit_one_lag(group: Group) -> LagFit:
 def fit_two_lags(group: Group, one: LagFit) -> LagFit | None:
     """Dead time and two lags, from a fit of one lag; None where too few samples show the course of the response."""
     lags = one.lags
-    if group.inside(lags.dead_s, lags.time_to_s(1.0 - math.exp(-3.0))) < FEWEST_FOR_TWO:
+    if group.inside(lags.dead_s, lags.time_to_s(COURSE_SHARE)) < FEWEST_FOR_TWO:
         return None
     # A linear step from one lag: most plants with one lag are decided by it.
     left = np.concatenate(one.residuals)
@@ -220,7 +224,7 @@ def gain_of(one: LagFit, two: LagFit) -> float:
 def describes(group: Group, fit: LagFit) -> bool:
     """Whether the fit leaves no more around the response than before it and after it (F test at 1 %)."""
     change = max(float(np.ptp(record.value)) for record in group.records)
-    begin_s, end_s = fit.lags.dead_s - group.sample_s, fit.lags.time_to_s(1.0 - math.exp(-4.0))
+    begin_s, end_s = fit.lags.dead_s - group.sample_s, fit.lags.time_to_s(SETTLING_SHARE)
     inside, outside, counts = 0.0, 0.0, [0, 0]
     for record, rest in zip(group.records, fit.residuals, strict=True):
         near = (record.time_s > begin_s) & (record.time_s < end_s)

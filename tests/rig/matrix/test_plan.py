@@ -23,6 +23,7 @@ from rig.campaign.sequencer.state import conditions_of
 from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.display import SI
+from rig.files.display_table import DisplayTable
 from rig.matrix.lost_answers import lost_answer_hints
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, PlannedPoint, plan
@@ -184,6 +185,20 @@ def test_a_motion_that_a_halt_would_take_out_of_its_travel_is_refused_with_all_t
     assert item.would_fit_m is not None
     assert planned(item.would_fit_m, mid_m, bench).feasible
     assert not planned(item.would_fit_m + 5e-5, mid_m, bench).feasible
+
+
+def test_the_deceleration_that_would_do_is_in_the_units_of_the_display_and_not_rounded_down() -> None:
+    """The same motion needs at least as much as in m/s^2, which is known to 0.1 m/s^2, and a little less is refused."""
+    def reasons(bench: Bench) -> tuple[str, ...]:
+        return plan(one("58 mm", "2 Hz", specimen='mid_stroke = "20 mm"'), bench).points[0].reasons
+
+    shown = halting(4.0).model_copy(update={"display": DisplayTable(speed="in/s")})
+    least_in = re.search(r'halt_deceleration = "([\d.]+) in/s\^2"', reasons(shown)[0])
+    least = re.search(r'halt_deceleration = "([\d.]+) m/s\^2"', reasons(halting(4.0))[0])
+    assert least_in is not None
+    assert least is not None
+    assert 0.0 <= float(least_in[1]) * 0.0254 - float(least[1]) < 0.001 * float(least[1])
+    assert not reasons(halting(float(least_in[1]) * 0.0254))
 
 
 def test_a_centre_that_leaves_a_halt_its_travel_is_named() -> None:
