@@ -231,8 +231,8 @@ def _temperatures(points: Sequence[RecordedPoint], display: Display) -> str:
     ]
     if not known:
         return ""
-    low, high = (display.temperature.value(end) for end in (min(known), max(known)))
-    return f"{low:.1f} to {high:.1f} {display.temperature.unit}"
+    ends = [f"{display.temperature.value(end):.1f}" for end in (min(known), max(known))]
+    return f"{' to '.join(dict.fromkeys(ends))} {display.temperature.unit}"
 
 
 def matrix_tables(run: Run) -> Mapping[str, object]:

@@ -396,7 +396,7 @@ def unfinished(run: Run, log: Sequence[JsonObject]) -> Blocks:
         return []
     last = next((line for line in reversed(log) if line.get("event") == "result"), {})
     stopped_by = last.get("stopped_by")
-    cause = f" It was stopped by {last.get('detail') or stopped_by}." if stopped_by else ""
+    cause = f" It was stopped: {last.get('detail') or stopped_by}." if stopped_by else ""
     count = f"{len(missing)} of {len(names)}"
     return [Note(POOR, f"The test is incomplete. Planned points that were not recorded: {count}.{cause}")]
 

@@ -77,7 +77,7 @@ def test_an_incomplete_test_is_stated_with_what_stopped_it() -> None:
     run = Run(Path("run"), (a_point(None).point,), {"points": ["p001", "p002", "p003"]})
     result = {"event": "result", "stopped_by": "sigint", "detail": "Ctrl-C"}
     page = fragment(unfinished(run, [result]))
-    assert "Planned points that were not recorded: 2 of 3. It was stopped by Ctrl-C." in page
+    assert "Planned points that were not recorded: 2 of 3. It was stopped: Ctrl-C." in page
     assert unfinished(Run(run.path, run.points, {"points": ["p001"]}), [result]) == []
 
 
