@@ -12,7 +12,7 @@ from collections.abc import Callable
 from drivers import clock
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
-from drivers.errors import DriverError, some
+from drivers.errors import DriverError
 from drivers.shared_connection import SharedConnection
 from drivers.stamp_clock import StampClock
 from protocols.can_frame import EXTENDED, CanFrame, decode_requests
@@ -176,7 +176,7 @@ class CanSensorPort:
     def refusal(self) -> tuple[str, str]:
         """Code and reason why the frames cannot come from this sensor; two empty strings if they may."""
         frame, others = self._frame, sorted(self._others)
-        shown = some([f"0x{one:02X}" for one in others], most=SHOWN)
+        shown = ", ".join(f"0x{one:02X}" for one in others[:SHOWN])
         group = f"J1939 parameter group 0x{frame.group or 0:05X} ({frame.group or 0})"
         if others and not self._heard:
             stated = source_address(frame.identifier) if frame.source_address is None else frame.source_address

@@ -20,13 +20,7 @@ Each class is one condition. Callers decide by the class or its `code`, never by
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
-
-
-def some(texts: Sequence[str], separator: str = ", ", most: int = 3) -> str:
-    """The first texts of a list, and how many more there are."""
-    return separator.join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
 
 
 class DriverError(Exception):

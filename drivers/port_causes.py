@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from drivers.errors import DriverError, PortClosed, some
+from drivers.errors import DriverError, PortClosed
 from drivers.processes import PREPARED
 from protocols.near_miss import near_names
 
@@ -169,7 +169,7 @@ def _attached(port: str, system: System) -> str:
 
     ports = sorted(comports())
     names = [one.device + f" ({one.description})" * (one.description not in {"n/a", None}) for one in ports]
-    texts = [f"Available ports: {some(names, most=MOST_SHOWN)}" if names else "No serial ports found"]
+    texts = [f"Available ports: {', '.join(names[:MOST_SHOWN])}" if names else "No serial ports found"]
     near = near_names(port, [one.device for one in ports if one.device != port], cutoff=SAME_STEM)
     if near:
         texts[0] += f"; did you mean {near[0]}?"
@@ -219,7 +219,7 @@ def _holders(port: str, system: System) -> str:
     for process in _processes(system):
         if real in _opened(process):
             names.append(f"process {process.name}: {command_line(int(process.name), system)}")
-    return f" ({some(names, most=MOST_SHOWN)})" if names else " (find it with `sudo fuser -v " + real + "`)"
+    return f" ({', '.join(names[:MOST_SHOWN])})" if names else " (find it with `sudo fuser -v " + real + "`)"
 
 
 def _opened(process: Path) -> Iterator[str]:

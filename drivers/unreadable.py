@@ -8,16 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from drivers.errors import (
-    DriverError,
-    LinkLost,
-    NoAnswer,
-    PortClosed,
-    RequestRefused,
-    WrongAnswer,
-    WrongLayout,
-    some,
-)
+from drivers.errors import DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer, WrongLayout
 from drivers.modbus_link import ModbusLink
 from drivers.register_maps.access_plan import Read, Rules
 from drivers.register_maps.quantity import HOLDING, Quantity
@@ -52,10 +43,10 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
             "none of the device's quantities can be read separately"
         ), "check first_address, function and the addresses in the register map"
     elif others:
-        missing = some([one.name for one in _apart(read.quantities) if _whole(one) in others], most=NAMED)
-        at = some([_span(part, read.space, rules) for part in others], most=NAMED)
-        text = f"{missing} ({at}) cannot be read; the other quantities can be read"
-        fix = f"correct the address and function of {missing} in [quantities], or remove these entries"
+        missing = [one.name for one in _apart(read.quantities) if _whole(one) in others][:NAMED]
+        at = ", ".join(_span(part, read.space, rules) for part in others[:NAMED])
+        text = f"{', '.join(missing)} ({at}) cannot be read; the other quantities can be read"
+        fix = f"correct the address and function of {' and '.join(missing)} in [quantities], or remove these entries"
     elif holes:
         first = rules.first_of(HOLDING)
         pairs = ", ".join(f"[{at + first}, {at + count - 1 + first}]" for at, count in holes)
@@ -69,8 +60,9 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
         longest = max(one.end - one.address for one in read.quantities)
         text = f"each quantity can be read separately, but {read.count} registers cannot be read at once"
         fix = f"write [modbus] largest_read = {longest} (or more, if the device allows it) in the register map"
-    names = some([one.name for one in read.quantities], most=NAMED)
-    return WrongLayout(error.device, error.port, f"{block}; it holds {names}; {text}", fix)
+    names = ", ".join(one.name for one in read.quantities[:NAMED])
+    more = f" and {len(read.quantities) - NAMED} more" if len(read.quantities) > NAMED else ""
+    return WrongLayout(error.device, error.port, f"{block}; it holds {names}{more}; {text}", fix)
 
 
 def _apart(quantities: Iterable[Quantity]) -> list[Quantity]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-
-from drivers.errors import some as some
 
 EXIT_DONE = 0
 EXIT_DEFECT = 1
@@ -30,6 +28,11 @@ def clean_text(text: str) -> str:
     Control characters, which names in a user's files may contain, are shown as escapes: a terminal would obey them.
     """
     return CONTROL.sub(lambda sign: repr(sign[0])[1:-1], text) if CONTROL.search(text) else text
+
+
+def some(texts: Sequence[str], separator: str = ", ", most: int = 3) -> str:
+    """The first texts of a list, and how many more there are."""
+    return separator.join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
 
 
 class RigError(Exception):
