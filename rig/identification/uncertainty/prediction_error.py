@@ -59,7 +59,7 @@ class PredictedTest:
 
 def left_out_tests(best: Candidate, fitted: Sequence[Measurement], weight: str) -> list[PredictedTest]:
     """Tests predicted by fits to the other motions, those within the others' range; none where that is not possible."""
-    predicted = []
+    predicted: list[PredictedTest] = []
     try:
         for number, fold in enumerate(folds_of(best.model, fitted, Method(weight=weight), best.solution.values)):
             for test in fold.left_out:
