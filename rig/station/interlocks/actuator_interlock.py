@@ -15,8 +15,10 @@ MEASURED = ("position_m", "velocity_m_s")
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
 FROZEN_POLLS = 2
-"""So often, at later times of its clock, the controller repeats a position that is frozen: two equal readings of a
-quantised register are none yet, nor two of the same instant.
+"""So often, at later times of its clock, a frozen controller repeats a position after the LVDT has moved.
+
+Two equal readings of a quantised register are none yet, nor two of the same instant. The first repetition may be an
+answer from before the motion that the host read after the LVDT; the second was requested later.
 """
 PATH_STEP_M = 0.05e-3
 """Less than this is the transducer's noise."""
@@ -250,11 +252,12 @@ class ActuatorInterlock:
     def _compare(self, status: ActuatorStatus, lvdt_m: float, speed_m_s: float, findings: list[Finding]) -> None:
         t_ns = status.received_ns
         if status.position_m == self._held_m:
-            self._repeats += self.status is not None and status.clock_us != self.status.clock_us
             self._lvdt_low_m = min(self._lvdt_low_m, lvdt_m)
             self._lvdt_high_m = max(self._lvdt_high_m, lvdt_m)
             travel_m = self._lvdt_high_m - self._lvdt_low_m
-            if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:
+            another = self.status is not None and status.clock_us != self.status.clock_us
+            self._repeats += another and travel_m > FROZEN_TRAVEL_M
+            if self._repeats >= FROZEN_POLLS:
                 detail = (
                     f"the controller's position was unchanged at {status.position_m:.6g} m while the LVDT moved "
                     f"{travel_m:.4g} m"

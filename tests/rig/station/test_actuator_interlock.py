@@ -159,6 +159,15 @@ def test_a_controller_requested_twice_at_the_same_instant_of_its_clock_is_not_fr
     assert not any("actuator-frozen" in names for names in found)
 
 
+def test_an_answer_from_before_the_motion_that_is_read_after_the_lvdt_is_not_frozen() -> None:
+    made = interlock()
+    rod_m = [0.010] * 10 + [0.018, 0.026]
+    lvdt_m = [0.010] * 9 + [0.014, 0.022, 0.030]
+    pairs = zip(rod_m, lvdt_m, strict=True)
+    found = [slugs(made, status(10 * k, position_m=x), y, 0.4) for k, (x, y) in enumerate(pairs)]
+    assert not any("actuator-frozen" in names for names in found)
+
+
 def test_rod_at_rest_is_not_frozen() -> None:
     made = interlock()
     assert all(slugs(made, status(ms, position_m=0.01), 0.01 + 1e-5 * (ms % 20), 0.0) == [] for ms in range(0, 900, 10))
