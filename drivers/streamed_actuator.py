@@ -205,6 +205,11 @@ class StreamedActuator:
         return self._following and self._source.state in IN_MOTION
 
     @property
+    def rod_moves(self) -> bool:
+        """The set-points move, or the rod, a slow one, has yet to come to rest where they ended."""
+        return self.in_motion or (self._following and not self._rests())
+
+    @property
     def silent_s(self) -> float:
         """Time since the last set-point that the device took (s of its time); 0 while none are streamed."""
         return self._now_s() - self._guard.taken_s if self._following else 0.0

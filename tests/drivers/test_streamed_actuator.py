@@ -314,6 +314,21 @@ def polled(rod: Rod, driver: StreamedActuator, seconds: float) -> None:
         rod.now_s += 0.01
 
 
+def test_a_slow_rod_moves_until_it_rests_where_the_setpoints_ended(
+    rod: Rod, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = running(rod, Move(0.01, 0.1), 0.3)
+    assert (driver.in_motion, driver.rod_moves) == (False, False)
+    ended_s = rod.now_s
+    monkeypatch.setattr(rod, "position_m", lambda: 0.01 - 0.002 * math.exp((ended_s - rod.now_s) / 0.05))
+    seen = []
+    for _ in range(30):
+        polled(rod, driver, 0.01)
+        seen.append((driver.in_motion, driver.rod_moves))
+    assert seen[5] == (False, True)
+    assert seen[-1] == (False, False)
+
+
 def jumps(rod: Rod, count: int) -> tuple[float, float]:
     """Largest step of the rod's set-point (m), and of its speed (m/s), where it took one of the last set-points."""
     steps, changes = [0.0], [0.0]

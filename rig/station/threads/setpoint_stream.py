@@ -85,7 +85,7 @@ class SetpointStream:
         driver.look_for_gap()
         # Due now: a simulated rig's clock waits while this exchange is held up by load, so that set-point and answer
         # are at the times that they are taken for.
-        setpoint_due(now_ns if driver.in_motion else None)
+        setpoint_due(now_ns if driver.rod_moves else None)
         self._report_break(driver, now_ns)
         if driver.last is None or (driver.in_motion and not self._moved):
             self._interlock.restart()
@@ -109,7 +109,7 @@ class SetpointStream:
     def _await_next(self) -> None:
         driver = self._driver
         if driver is not None:
-            setpoint_due(self.steps.next_ns if driver.in_motion else None)
+            setpoint_due(self.steps.next_ns if driver.rod_moves else None)
 
     def failed(self, finding: Finding) -> None:
         """A poll failed: that is the cause of a gap that follows, until the next answer."""
