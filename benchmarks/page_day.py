@@ -4,7 +4,8 @@
 
 A simulated rig with the devices of `examples/demo-bench.toml`; the page is opened at 1366 x 768, once on a phone. From
 an empty folder of runs: a matrix that does not fit, one that does, start, stop, report, resume with its question, the
-next specimen, a matrix changed after its plan, history. The script ends with an error where a step does not succeed.
+next specimen, a matrix changed after its plan, history, report as PDF. At most at a speed of 5: the stop must come
+within the first point. The script ends with an error where a step does not succeed.
 """
 
 from __future__ import annotations
@@ -78,6 +79,12 @@ class Day:
         opened.value.screenshot(path=str(self._out / "report.png"))
         opened.value.close()
 
+    def make_pdf(self) -> None:
+        """Have the report of the last run written as PDF."""
+        self._page.click("#history button:has-text('Make PDF')")
+        self._page.wait_for_selector("#history a:has-text('PDF')")
+        self.picture("pdf")
+
     def work(self, url: str) -> None:
         """The day."""
         page = self._page
@@ -115,6 +122,7 @@ class Day:
         self.start("MR-102")
         self.end("OK")
         self.picture("history")
+        self.make_pdf()
         page.set_viewport_size({"width": 390, "height": 844})
         self.picture("phone", whole=True)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from drivers.sensor_formats import FRAME16, described_format
 from protocols.binary_format import BinaryFormat
@@ -16,6 +18,7 @@ from protocols.sensor_presets import TABLES
 from rig import units
 from rig.errors import FileProblem
 from rig.files.described import described as read_description
+from rig.files.descriptions import entry_problems
 from rig.files.names import is_file
 from rig.files.network_text import NETWORK
 from simulators import frame_writer, line_writer
@@ -60,7 +63,7 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
 
     Args:
         options: the sensor as it is.
-        given: `frame16`, a preset's name or a file's.
+        given: `frame16`, a preset's name or a file's, or a table of a bench file as JSON.
         whose: the option that names the format, for messages.
         least_si: the range (SI) that it must have at least.
 
@@ -71,8 +74,8 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
         return options
     if given in OWN:
         return replace(options, format=OWN[0])
-    given = str(Path(given).absolute()) if is_file(given) else given
-    own = read_description("sensor-format", given)
+    entry = _table(given, whose) if given.startswith("{") else str(Path(given).absolute()) if is_file(given) else given
+    own = read_description("sensor-format", entry)
     try:
         described = described_format(own)
     except LocalProtocolError as error:
@@ -98,12 +101,27 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     # The time for a Modbus answer is part of the exchange.
     polled = isinstance(described, BinaryFormat) and described.registers is not None
     return replace(
-        options, format=described, described=given, latency_s=0.0 if polled else options.latency_s,
+        options, format=described, described=entry, latency_s=0.0 if polled else options.latency_s,
         wire_per_si=per_si, wire_zero=zero, range=range_si * per_si, rate_Hz=rate_Hz, burst_s=burst_s,
         noise=options.noise * ratio, resolution=options.resolution * ratio,
         offset=options.offset * ratio, drift_per_s=options.drift_per_s * ratio, hum=options.hum * ratio,
         crosstalk_per_A=options.crosstalk_per_A * ratio, clip=options.clip * ratio,
     )  # fmt: skip
+
+
+def _table(given: str, whose: str) -> dict[str, Any]:
+    """A format's table from JSON.
+
+    Raises:
+        FileProblem: it is none.
+    """
+    try:
+        table = json.loads(given)
+    except ValueError as error:
+        raise FileProblem(f"{whose} {given}", [f"cannot be read as JSON: {error}"]) from error
+    if problems := entry_problems("sensor-format", table):
+        raise FileProblem(f"{whose} {given}", [f"{'.'.join(map(str, place))}: {text}" for place, text in problems])
+    return dict(table)
 
 
 def _per_si(described: SensorFormat, *, stated: bool, half: float, options: SensorOptions) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import shutil
@@ -45,17 +46,15 @@ def wearing(path: Path) -> tuple[str, ...]:
     reaches them.
 
     Raises:
-        FileProblem: the file cannot be used, or describes a device within itself that only a file of its own can
-            hand on.
+        FileProblem: the file cannot be used, or describes an ECU or a supply within itself, which only a file of its
+            own can hand on.
     """
     bench = Bench.load(path)
     problems = [
         f"{place}: the device is described in the bench file itself. Fix: write the description to a separate file "
         "and enter the file's name; a simulated rig can then emulate the device"
-        for place, given in (
-            ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
-            ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
-        ) if isinstance(given, Mapping)
+        for place, given in (("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply))
+        if isinstance(given, Mapping)
     ]
     if problems:
         raise FileProblem(str(path), problems, "config-absurd")
@@ -70,8 +69,10 @@ def wearing(path: Path) -> tuple[str, ...]:
         arguments += ["--by-hand", ecu.pressure_while_asked]
     if isinstance(ecu.supply, str):
         arguments += ["--supply", ecu.supply]
-    arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]
-    for name, sensor in (("load_cell", bench.load_cell), ("lvdt", bench.lvdt)):
+    for option, name, sensor in (
+        ("--force-format", "load_cell", bench.load_cell), ("--displacement-format", "lvdt", bench.lvdt),
+    ):  # fmt: skip
+        arguments += [option, json.dumps(sensor.format) if isinstance(sensor.format, Mapping) else str(sensor.format)]
         arguments += ["--option", f"{name}.rate_Hz={sensor.rate_Hz}", "--option", f"{name}.baudrate={sensor.baudrate}"]
     options = {
         "position_m": min(map(abs, limits.position_m)), "speed_m_s": limits.speed_m_s, "force_N": limits.force_N,

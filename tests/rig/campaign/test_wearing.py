@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import itertools
+import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
+from rig.bench.model import Bench
 from rig.campaign import simulated_rig
 from rig.campaign.results import CampaignOptions
 from rig.campaign.simulated_rig import SimulatedRig, wearing
 from rig.errors import FileProblem, Refused
+from rig.files.toml_source import read_toml
 from rig.matrix.sections import Specimen
+from simulators.emulated_format import sending
+from simulators.options import RigOptions
+from simulators.toml_text import toml_text
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -52,10 +58,28 @@ def test_devices_rates_and_limits_are_those_of_the_file(tmp_path: Path) -> None:
     assert {"limits.speed_m_s=0.3", "limits.force_N=5000.0"} <= options, "not beyond what the simulated machine reaches"
 
 
-def test_what_is_described_inside_of_the_bench_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    path = bench(tmp_path, ('format = "frame16"', "format = {pattern = '(?P<value>[+-]\\d{5})'}"))
-    with pytest.raises(FileProblem, match=r"load_cell\.format: .*in the bench file itself.* separate file"):
+def test_a_supply_described_inside_of_the_bench_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    text = (EXAMPLES / "labjack-bench.toml").read_text(encoding="utf-8")
+    supply = toml_text(read_toml(EXAMPLES / "labjack-output.toml").data)
+    path = tmp_path / "bench.toml"
+    path.write_text(text.replace('supply = "labjack-output.toml"', f"supply = {supply}"), encoding="utf-8")
+    with pytest.raises(FileProblem, match=r"ecu\.supply: .*in the bench file itself.* separate file"):
         wearing(path)
+
+
+@pytest.mark.parametrize("name", ["can-sensors", "labjack"])
+def test_sensors_described_inside_of_the_bench_file_are_simulated(name: str) -> None:
+    """Their tables reach the simulated rig, which sends them; damaged ones are refused."""
+    path = EXAMPLES / f"{name}-bench.toml"
+    bench, arguments = Bench.load(path), wearing(path)
+    for option, entry in (("--force-format", bench.load_cell.format), ("--displacement-format", bench.lvdt.format)):
+        (given,) = after(option, arguments)
+        sensor = sending(RigOptions().lvdt, given, option, 0.0)
+        assert sensor.described == (json.loads(json.dumps(entry)) if isinstance(entry, Mapping) else entry)
+        assert not isinstance(sensor.format, str)
+    for damaged in ("{", '{"kind": "no such kind"}'):
+        with pytest.raises(FileProblem, match="--force-format"):
+            sending(RigOptions().load_cell, damaged, "--force-format", 0.0)
 
 
 def test_a_supply_of_the_bench_is_worn_too(tmp_path: Path) -> None:
