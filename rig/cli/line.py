@@ -222,7 +222,10 @@ class _Line:
         except KeyboardInterrupt:  # after the motion: the campaign itself takes Ctrl-C as a stop
             result = LineResult(serial_number, untested, "interrupted by the operator", EXIT_STOPPED, None, 0.0)
         self._session.take(result)
-        self._show(result)
+        try:
+            self._show(result)
+        finally:
+            self._warn(result)
         self.delivered()
         self._options.prepared.prepare()
         self._refuse_rest(serial_number)
@@ -293,15 +296,18 @@ class _Line:
                 self._say(remark, "yellow")
             self._say(f"{self._session.summary}. Takt of {result.serial_number}: {result.takt_s:.1f} s", "")
 
+    def _warn(self, result: LineResult) -> None:
+        """What must be known at once, whatever fails afterwards."""
+        if result.exit_code == EXIT_UNKNOWN_STATE:
+            self._say("THE STATE OF THE RIG IS UNKNOWN. The line ends. Inspect the rig.", "bold red")
+        elif self._session.blocked and result.exit_code == EXIT_STOPPED:
+            self._say("The line is stopped. Eliminate the cause, then type `continue`.", "bold red")
+
     def _ask_for_next(self, result: LineResult) -> None:
-        """State what is accepted from now on: only once nothing that is entered is refused as entered during a test."""
-        with contextlib.suppress(OSError):
-            if self._session.blocked and result.exit_code == EXIT_STOPPED:
-                self._say("The line is stopped. Eliminate the cause, then type `continue`.", "bold red")
-            elif result.exit_code == EXIT_UNKNOWN_STATE:
-                self._say("THE STATE OF THE RIG IS UNKNOWN. The line ends. Inspect the rig.", "bold red")
-            elif self._entries is not None:
-                self._say("Change the specimen, then scan the next serial number.", "bold")
+        """Ask for a specimen: only once nothing that is entered is refused as entered during a test."""
+        stopped = self._session.blocked and result.exit_code == EXIT_STOPPED
+        if self._entries is not None and not stopped and result.exit_code != EXIT_UNKNOWN_STATE:
+            self._say("Change the specimen, then scan the next serial number.", "bold")
 
     def _say(self, text: str, style: str) -> None:
         with contextlib.suppress(OSError):

@@ -10,10 +10,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from rig.campaign.results import CampaignResult, RigState
 from rig.cli.job import JobResult
-from rig.cli.line import large
+from rig.cli.line import _Line, large
 from rig.cli.line_entries import Entries, WatchingDisplay
 from rig.cli.line_session import Answer, LineResult, LineSession
 from rig.cli.main import main
@@ -291,3 +292,21 @@ def test_a_simulated_rig_emulates_the_damper_of_its_serial_number(tmp_path: Path
         as_specimen(RigOptions(), wrong)
 
 
+@pytest.mark.parametrize(("code", "warned"), [(EXIT_UNKNOWN_STATE, "UNKNOWN"), (EXIT_STOPPED, "continue")])
+def test_the_state_of_the_rig_is_stated_whatever_fails_afterwards(
+    code: int, warned: str, session: LineSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = io.StringIO()
+    job = result("MR-101", "not-tested", code)
+    monkeypatch.setattr(LineResult, "of", classmethod(lambda *_: job))
+    monkeypatch.setattr(_Line, "_job", lambda *_: None)
+    line = _Line.__new__(_Line)
+    line._session, line._shown, line._entries = session, Console(file=shown, width=80), None
+
+    def failing(wait_s: float = 0.0) -> None:
+        raise OSError("the outbox cannot be written")
+
+    monkeypatch.setattr(line, "delivered", failing)
+    with pytest.raises(OSError, match="outbox"):
+        line._test("MR-101")
+    assert warned in shown.getvalue()
