@@ -467,7 +467,8 @@ def test_the_verdict_on_the_specimen_is_listed_before_the_report_is_written(
     name = str(control.history.runs[0]["name"])
     (control.bench.out / name / "live.json").write_text(json.dumps({"folder": str(running)}))
     ended = {"valid": 2, "total": 2, "rig_state": "safe", "stopped_by": None}
-    seen, looked = [], []
+    seen: list[tuple[object, ...]] = []
+    looked: list[bool] = []
     for verdict, stopped_by in (("", None), ("evaluating", None), ("not-ok", "operator"), ("not-ok", None)):
         found = {**ended, "stopped_by": stopped_by, "specimen": {"verdict": verdict, "reason": "p001"}}
         replace_json(running / "state.json", {"campaign": str(control.bench.out / name), "ended": found})
