@@ -6,7 +6,8 @@ effect that the library does not have:
     slips      friction by Maxwell slips: eight elastic-plastic elements whose travels span 0.05 to 8 mm
     gas        a gas spring: polytropic pressure behind the piston, 1.6 times as stiff compressed as extended
     eddy       a drag by eddy currents in the piston, I^2 c v / (1 + (v / v0)^2)
-    remanence  iron that keeps 0.12 A of its magnetisation: a play of the current, in the order of the tests
+    remanence  iron that keeps 0.12 A of its magnetisation: a play of the current. Earlier tests magnetised it, so
+               tests at 0 A have the force of 0.12 A, and all others that of 0.12 A less than theirs
 """
 
 from __future__ import annotations

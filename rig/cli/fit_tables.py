@@ -13,6 +13,7 @@ from rig.files.run_display import run_display
 from rig.fits.entries import Cause, ErrorSummary, Estimate
 from rig.fits.fit_file import INTERVAL
 from rig.fits.fit_record import FitRecord
+from rig.fits.residual_weights import of_physics, residual_line
 from rig.fits.summary import INADEQUATE
 from rig.matrix.methods import FEW_MODELS
 from rig.report.fit import corrections, cross_validation, extrapolated_words, outside, selection
@@ -27,6 +28,7 @@ def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blo
     if fit.adequate is False:
         lines.append(Note(POOR, INADEQUATE))
     lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
+    lines += _residual(fit)
     lines += [_found(cause) for cause in fit.diagnosis[:1]]
     lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
     if fit.next_tests:
@@ -52,8 +54,8 @@ def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Bloc
     """
     equation: Blocks = [Paragraph(fit.equation)] if fit.form else []
     return [
-        *selection(fit), _parameters(fit, truth), *equation, *corrections(fit), *_held_out(fit), *cross_validation(fit),
-        *_remarks(fit), *_to_try(fit),
+        *selection(fit), _parameters(fit, truth), *_residual(fit), *equation, *corrections(fit), *_held_out(fit),
+        *cross_validation(fit), *_remarks(fit), *_to_try(fit),
     ]  # fmt: skip
 
 
@@ -64,7 +66,7 @@ def _parameters(fit: FitRecord, truth: Mapping[str, float] | None) -> Table:
     if truth is not None:
         head += [Column("truth", "", True), Column("inside")]
     rows = []
-    for name, entry in fit.parameters.items():
+    for name, entry in of_physics(fit.parameters).items():
         row = [name, *_estimate(entry), entry.unit]
         if fit.drawn is not None:
             drawn = fit.drawn.parameters.get(name)
@@ -74,6 +76,11 @@ def _parameters(fit: FitRecord, truth: Mapping[str, float] | None) -> Table:
             row += ["-" if true is None else f"{true:.5g}", {True: "yes", False: "NO", None: "-"}[entry.holds(true)]]
         rows.append(Row(tuple(row), PLAIN if entry.identifiable else FAIR))
     return table(head, rows, title=f"Fit: {fit.model} by {fit.method}")
+
+
+def _residual(fit: FitRecord) -> list[Block]:
+    stated = residual_line(fit.parameters)
+    return [Paragraph(stated)] if stated else []
 
 
 def _held_out(fit: FitRecord) -> list[Table]:
@@ -152,7 +159,7 @@ def _measures(error: ErrorSummary, force: Shown) -> str:
 def _reasons(parameters: Mapping[str, Estimate]) -> list[str]:
     """Why parameters cannot be identified, those with the same reason together."""
     named: dict[str, list[str]] = {}
-    for name, entry in parameters.items():
+    for name, entry in of_physics(parameters).items():
         if not entry.identifiable:
             reason = entry.reason or "the data do not determine this parameter"
             rest = reason.removeprefix(f"{name} ")

@@ -36,6 +36,7 @@ from rig.dampers.grey_regressors import (
     REGRESSORS,
     SLIP,
     SPEED,
+    TRAVELS,
     residual_force,
     weight_names,
 )
@@ -72,8 +73,8 @@ def _range_parameters() -> tuple[Parameter, ...]:
 
 def _travels() -> tuple[Parameter, ...]:
     return tuple(
-        Parameter(f"travel_{k}", f"travel_{k}", "m", 1e-3, 1e-9, 10.0, False, f"residual: travel of element {k}")
-        for k in range(1, ELEMENTS + 1)
+        Parameter(name, name, "m", 1e-3, 1e-9, 10.0, False, f"residual: travel of element {k}")
+        for k, name in enumerate(TRAVELS, 1)
     )
 
 

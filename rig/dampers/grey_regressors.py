@@ -24,6 +24,7 @@ REGRESSORS: Mapping[str, tuple[str, ...]] = {
     STROKE: ("1", "r", "r^2", "r^3", "r^4"),
 }
 RANGE = ("u_mid", "u_half", "v_top", "i_mid", "i_half", "ridge")
+TRAVELS = tuple(f"travel_{k}" for k in range(1, ELEMENTS + 1))
 
 
 def weight_names(parts: Sequence[str]) -> tuple[str, ...]:

@@ -11,12 +11,13 @@ import numpy as np
 from protocols.near_miss import meant
 from rig.dampers.arrays import FloatArray
 from rig.document import html
-from rig.document.blocks import Column, Row, Table
+from rig.document.blocks import Blocks, Column, Paragraph, Row, Table
 from rig.document.numbers import ELLIPSIS, MINUS, NOTHING, between, number
 from rig.document.terminal import lines
 from rig.document.words import FAIR, PLAIN
 from rig.errors import NoSuchEntry
 from rig.fits.entries import Estimate
+from rig.fits.residual_weights import of_physics, residual_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,10 +94,14 @@ class Parameters(Mapping[str, Estimate]):
 
     def __repr__(self) -> str:
         """A table of at most 80 columns."""
-        return "\n".join(text for text, _ in lines([parameter_table(self.estimates)], WIDTH))
+        return "\n".join(text for text, _ in lines(self._blocks(), WIDTH))
 
     def _repr_html_(self) -> str:
-        return html.fragment([parameter_table(self.estimates)])
+        return html.fragment(self._blocks())
+
+    def _blocks(self) -> Blocks:
+        residual = residual_line(self.estimates)
+        return [parameter_table(of_physics(self.estimates)), *([Paragraph(residual)] if residual else [])]
 
 
 def parameter_table(estimates: Mapping[str, Estimate]) -> Table:

@@ -15,6 +15,7 @@ from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity
 from rig.fits.entries import Band, ErrorSummary, TestedRange
 from rig.fits.fit_record import FitRecord
 from rig.fits.parameters import WIDTH, parameter_table
+from rig.fits.residual_weights import of_physics, residual_line
 
 UNITS = {"m": "m", "m_s": "m/s", "A": "A", "degC": "degC"}
 """End of the name of a tested quantity -> its unit."""
@@ -52,8 +53,9 @@ def _blocks(fit: FitRecord) -> Blocks:
     tests = len(fit.error.per_test)
     by = f" by {fit.method}" if fit.method else ""
     severity, verdict = ADEQUACY[fit.adequate]
-    shown = dict(list(fit.parameters.items())[:MOST_PARAMETERS])
-    hidden = len(fit.parameters) - len(shown)
+    own, residual = of_physics(fit.parameters), residual_line(fit.parameters)
+    shown = dict(list(own.items())[:MOST_PARAMETERS])
+    hidden = len(own) - len(shown)
     causes, observations = ([one.text for one in fit.diagnosis if one.of_misfit is kind] for kind in (True, False))
     return [
         Heading(f"Fit of {fit.model}{by} to {tests} test{'s' * (tests != 1)}", 3),
@@ -61,6 +63,7 @@ def _blocks(fit: FitRecord) -> Blocks:
         *_errors(fit),
         replace(parameter_table(shown), title="Parameters"),
         *([Paragraph(f"{hidden} more parameters: fit.params")] if hidden else []),
+        *([Paragraph(residual)] if residual else []),
         *([Paragraph(f"Tested: {_tested(fit.tested)}")] if fit.tested is not None else []),
         *([Paragraph(_prediction_error(fit.tested.band))] if fit.tested is not None else []),
         *_undetermined(fit),
@@ -107,7 +110,7 @@ def _undetermined(fit: FitRecord) -> Iterator[Block]:
     sums = [f"{name}: value and interval of {one.quantity}" for name, one in fit.parameters.items() if one.quantity]
     yield from _remarks("Not determined alone", sums, "fit.params")
     named: dict[str, list[str]] = {}
-    for name, one in fit.parameters.items():
+    for name, one in of_physics(fit.parameters).items():
         if not one.identifiable and not one.quantity:
             named.setdefault(one.reason.removeprefix(f"{name} ") or "no reason stated", []).append(name)
     texts = [f"{', '.join(names)}: {reason}" for reason, names in named.items()]

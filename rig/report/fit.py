@@ -45,6 +45,7 @@ from rig.fits.entries import (
     UnseenTest,
 )
 from rig.fits.fit_record import FitRecord
+from rig.fits.residual_weights import of_physics, residual_line
 from rig.report.display_text import in_display
 from rig.signals.arrays import FloatArray
 
@@ -90,7 +91,7 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
     again = [] if fit.drawn is None else [f"95 %, {fit.drawn.count} bootstrap samples"]
     known: list[list[Words]] = []
     unknown: list[list[Words]] = []
-    for name, entry in fit.parameters.items():
+    for name, entry in of_physics(fit.parameters).items():
         meaning = entry.quantity or meanings.get(name, "")
         if entry.identifiable or entry.has_interval:
             value, interval = between(entry.value, entry.low, entry.high)
@@ -101,6 +102,8 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
     head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
     parts: Blocks = [Heading("Fitted parameters", 3), *_equation(fit, display), *corrections(fit)]
     parts.append(table(head, known, (1, 2)))
+    if residual := residual_line(fit.parameters):
+        parts.append(Paragraph(residual))
     if unknown:
         parts.append(Heading("Not identifiable from these data", 3))
         rows = [Row(tuple(cells), faded=True) for cells in unknown]

@@ -32,6 +32,7 @@ from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, number
 from rig.document.style import current_colour
 from rig.document.words import FAIR, Key, Strong, Words
+from rig.fits.residual_weights import RESIDUAL
 from rig.signals.arrays import FloatArray
 from rig.vehicle.answer import extrapolations
 from rig.vehicle.response import BANDS
@@ -226,7 +227,7 @@ def _parameters(study: RideStudy) -> Blocks:
         [f"{parameter.name}, {parameter.unit}", *(
             number(variant.fit.damper.values[parameter.name]) for variant in study.variants
         )]
-        for parameter in model.parameters
+        for parameter in model.parameters if parameter.name not in RESIDUAL
     ]  # fmt: skip
     return [Heading("Parameters"), Paragraph(model.equation, small=True), _by_variant(study, rows)]
 

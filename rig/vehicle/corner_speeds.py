@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rig.dampers import DamperModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
-from rig.dampers.kernel import Compiled
+from rig.dampers.kernel import Compiled, advance_of
 
 NEWTON_STEPS = 12
 SWEEPS = 60
@@ -83,16 +84,24 @@ def _eliminate(a: FloatArray, b: FloatArray, x: FloatArray) -> None:
         x[i] /= a[i, i]
 
 
-def pull_of(front: Compiled, rear: Compiled, *, same: bool) -> Compiled:
-    """Force (N) of a damper beyond that at rest, from its state into its trial state, compiled."""
+def pull_of(front: DamperModel, rear: DamperModel) -> Compiled:
+    """Force (N) of a damper beyond that at rest, from its state into its trial state, compiled.
+
+    A row of states is as long as that of the damper with more of them; each damper gets its own, because models of one
+    family tell by its length whether they have a memory.
+    """
+    same, in_front, at_rear = front is rear, max(1, front.states), max(1, rear.states)
+    front_force, rear_force = advance_of(front), advance_of(rear)
 
     @njit()
     def pull(d: Corners, i: int, e: float, s: float, a: float, dt: float) -> float:
         for j in range(d.states.shape[1]):
             d.trial[i, j] = d.states[i, j]
         if same or i < (d.states.shape[0] + 1) // 2:
-            return float(front(d.front, d.trial[i], e, s, a, d.coils[CURRENT_A, i], dt)) - float(d.coils[REST_N, i])
-        return float(rear(d.rear, d.trial[i], e, s, a, d.coils[CURRENT_A, i], dt)) - float(d.coils[REST_N, i])
+            force = front_force(d.front, d.trial[i, :in_front], e, s, a, d.coils[CURRENT_A, i], dt)
+        else:
+            force = rear_force(d.rear, d.trial[i, :at_rear], e, s, a, d.coils[CURRENT_A, i], dt)
+        return float(force) - float(d.coils[REST_N, i])
 
     return pull
 

@@ -22,7 +22,7 @@ import numpy as np
 from rig.dampers import DamperModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
-from rig.dampers.kernel import Compiled, advance_of, cached, fingerprint
+from rig.dampers.kernel import Compiled, cached, fingerprint
 from rig.vehicle.corner_speeds import (
     ACCELERATION,
     BESIDE_N,
@@ -227,7 +227,7 @@ def loop_of(front: DamperModel, rear: DamperModel) -> Compiled:
     damper's force beyond that at rest, extension, speed, current, and the tyre's load (c each).
     """
     key = f"{_sources()} {fingerprint()} {front.name} {front.hysteresis} {rear.name} {rear.hysteresis}"
-    pull = pull_of(advance_of(front), advance_of(rear), same=front is rear)
+    pull = pull_of(front, rear)
     return cached(
         _loop(key), error_model="numpy", _pulled=pull, _newtons=newton_of(pull), _halves=halving_of(pull),
         _commands=_command(pull), _free_motion=_free_motion, _end_stage=_end_stage, _balance=_balance, _times=_times,

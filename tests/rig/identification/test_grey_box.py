@@ -1,5 +1,6 @@
 """A model with a fitted residual: better where the physics lacks something, the physics alone elsewhere."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import rig.dampers
+from rig.cli.fit_tables import fit_tables
 from rig.dampers.arrays import FloatArray
 from rig.dampers.grey_box import UnknownPart
 from rig.dampers.grey_regressors import ELEMENTS, residual_force, weight_names
@@ -15,6 +17,7 @@ from rig.fits.fit_record import FitRecord
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.model_slope import element_states, modelled_force
 from rig.identification.next_test import next_tests
+from rig.report.fit import parameters
 
 RATE_Hz = 250.0
 TRAVELS_m = np.geomspace(0.1e-3, 6e-3, 6)
@@ -73,6 +76,15 @@ def test_unseen_motions_are_predicted_with_half_of_the_physical_models_error(sli
     weights = [one for name, one in slipping.parameters.items() if name.startswith("g_")]
     assert weights
     assert all(not one.identifiable and one.standard_error is None and one.value is not None for one in weights)
+
+
+def test_people_read_the_weights_in_one_line_and_the_file_has_them_all(slipping: Fit, tmp_path: Path) -> None:
+    text = "\n".join([str(slipping), repr(slipping.params), str(fit_tables(slipping)), str(parameters(slipping))])
+    weights = [name for name in slipping.values if name.startswith("g_")]
+    assert len([name for name in weights if f"{name}'" in text or f"{name} " in text]) <= 1  # the largest is named
+    assert str(len(weights)) in text
+    saved = json.loads(slipping.save(tmp_path / "fit.json").read_text())
+    assert set(weights) <= set(saved["parameters"])
 
 
 def test_far_outside_the_tested_range_the_force_is_the_physical_models(slipping: Fit) -> None:

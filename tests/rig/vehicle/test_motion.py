@@ -7,8 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig import dampers
-from rig.dampers.kernel import force_series
+from rig.dampers.kernel import advance_of, force_series
 from rig.vehicle.car import Car, load_car
+from rig.vehicle.corner_speeds import pull_of
 from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper, DrivenCar
 from rig.vehicle.road_file import load_road
@@ -182,6 +183,21 @@ def test_a_hysteretic_damper_in_a_car_is_the_same_object_as_along_a_recording() 
     apart = ride.force_N[:, 0] - (along - along[0])
     assert np.max(np.abs(apart)) < 0.01 * np.ptp(along)
     assert np.sum(ride.force_N * ride.speed_m_s) > 0.0
+
+
+def test_dampers_of_different_state_counts_have_the_force_in_a_car_that_they_have_alone() -> None:
+    sprung, grey = dampers.model("sprung_bouc_wen"), dampers.model("bingham+grey@slip")
+    assert sprung.states < grey.states
+    values = {one.name: one.start for one in grey.parameters} | {"fc": 100.0, "c0": 500.0, "g_slip_1": 60.0}
+    front, rear = CornerDamper(sprung, dict(sprung.demonstration)), CornerDamper(grey, values)
+    car = DrivenCar(structure(Car.model_validate(HALF)), front, rear)
+    corners, pull = car._corners(1e-3), pull_of(sprung, grey)
+    for corner, damper in enumerate(car.dampers):
+        alone, state = advance_of(damper.model), damper.model.initial_state()
+        for u, v in ((0.0, 0.2), (0.001, 0.3), (0.002, 0.4)):
+            expected = alone(damper.vector, state, u, v, 1.0, 0.0, 5e-3)
+            assert pull(corners, corner, u, v, 1.0, 5e-3) == pytest.approx(expected, rel=1e-12)
+            corners.states[corner] = corners.trial[corner]
 
 
 def test_a_sweep_in_phase_does_not_roll_a_symmetric_car_and_in_antiphase_neither_lifts_nor_pitches_it() -> None:
