@@ -160,6 +160,25 @@ def test_the_physical_model_is_used_where_a_residual_does_not_pay(tests: list[Me
     assert reason in {getattr(one, "slug", "") for one in fit.warnings}
 
 
+def drifting(slips: float) -> list[Measurement]:
+    """The tests of a specimen whose force falls by half from its first test to its last."""
+    tests = campaign(SEEN, slips)
+    fall = np.linspace(1.0, 0.5, len(tests))
+    return [replace(test, force_N=share * test.force_N) for test, share in zip(tests, fall, strict=True)]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("slips", [0.0, 60.0], ids=["a plant of the library", "friction by Maxwell slips"])
+def test_a_drifting_specimen_is_predicted_as_well_as_by_the_physical_model(slips: float) -> None:
+    """Each motion is left out of all choices: base values, parts and ridge."""
+    tests, errors = drifting(slips), {"bingham": 0.0, "bingham+grey": 0.0}
+    for left_out in range(0, len(tests), 2):
+        others, unseen = tests[:left_out] + tests[left_out + 2 :], tests[left_out : left_out + 2]
+        for name in errors:
+            errors[name] += error_N(identify(others, model=name, diagnose=False), unseen)
+    assert errors["bingham+grey"] <= 1.05 * errors["bingham"], errors
+
+
 def test_the_next_tests_narrow_the_physical_parameters_of_an_adequate_fit(slipping: Fit) -> None:
     adequate = replace(slipping, evaluation=replace(slipping.evaluation, adequate=True))
     names = set(rig.dampers.model("bingham").names)
