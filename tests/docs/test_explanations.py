@@ -91,7 +91,8 @@ def slugs_in(node: ast.AST) -> Iterator[str]:
         yield from slugs_of_call(node)
     elif isinstance(node, ast.Dict):
         for key, value in zip(node.keys, node.values, strict=True):
-            if isinstance(key, ast.Constant) and key.value in {"slug", "refused"} and isinstance(value, ast.Constant):
+            named = isinstance(key, ast.Constant) and key.value in {"slug", "refused"}
+            if named and isinstance(value, ast.Constant) and str(value.value).islower():  # not a title
                 yield from texts_in(value)
     elif isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
