@@ -574,6 +574,10 @@ class Uncertainty:
     drawn: BootstrapResult | None = None
 
 
+FEW_MOTIONS = 2
+"""So few predicted motions hardly tell how far off the next one is; a band says so."""
+
+
 @dataclass(frozen=True)
 class Band:
     """How far measured forces are from predicted ones: within the tested range, 95 % of the samples of a new motion.
@@ -600,9 +604,11 @@ class Band:
 
     def describe(self) -> str:
         """What a prediction error means and where it comes from, in one sentence."""
+        tests = f"{self.left_out} test{'s' * (self.left_out != 1)}"
+        motions = f"{'only ' * (self.motions <= FEW_MOTIONS)}{self.motions} motion{'s' * (self.motions != 1)}"
         return (
-            f"95 % prediction error within the tested range, from {self.left_out} tests of {self.motions} motions "
-            f"that were predicted by fits to other tests ({self.source})"
+            f"95 % prediction error within the tested range, from {tests} of {motions} predicted by fits to other "
+            f"tests ({self.source})"
         )
 
     def at(self, current_A: FloatArray) -> FloatArray:

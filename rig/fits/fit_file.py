@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
 
 INTERVAL = "95 % interval (each parameter separately)"
 MOST_PROBLEMS = 12
+MOST_TESTS = 1_000_000
 FIX = "Fix: identify the run again (`rig identify RUN`), or restore the file from a backup"
 FORMS = ("kwok", "printed")
 KEYS = {
@@ -79,7 +81,10 @@ def fit_of(kind: type[Value], content: Mapping[str, Any], file: str = CampaignFo
     if fit is None or uncertainty is None or corrections is None or problems:
         more = [f"{len(problems) - MOST_PROBLEMS} more"] * (len(problems) > MOST_PROBLEMS)
         raise FileProblem(file, [*problems[:MOST_PROBLEMS], *more, FIX])
-    if problems := [*_without_counterpart(content["parameters"], uncertainty, corrections), *_unknown_words(content)]:
+    if problems := [
+        *_without_counterpart(content["parameters"], uncertainty, corrections), *_unknown_words(content),
+        *_impossible_band(content),
+    ]:  # fmt: skip
         raise FileProblem(file, [*problems, FIX])
     return fit
 
@@ -118,6 +123,33 @@ def _unknown_words(content: Mapping[str, Any]) -> Iterator[str]:
     for key, value, words in (("hysteresis", content.get("hysteresis"), FORMS), ("temperature.law", law, (*RATES,))):
         if value is not None and value not in words:
             yield f"{key}: got {value!r}, expected {' or '.join(map(repr, words))}"
+
+
+def _impossible_band(content: Mapping[str, Any]) -> Iterator[str]:
+    """Numbers of the prediction error that no fit has: it would answer predictions with a false band, or break them."""
+    entry = (content.get("tested") or {}).get("band")
+    if entry is None:
+        return
+    current_A, half_width_N, key = entry["current_A"], entry["half_width_N"], "tested.band"
+    left_out, motions = entry.get("left_out") or 0, entry.get("motions") or 0
+    if not current_A or len(half_width_N) != len(current_A):
+        yield (
+            f"{key}: got {len(half_width_N)} `half_width_N` and {len(current_A)} `current_A`, expected equally many, "
+            "1 at least"
+        )
+    yield from (
+        f"{key}.current_A[{place + 1}]: got {after}, expected more than {before} (rising currents)"
+        for place, (before, after) in enumerate(pairwise(current_A)) if after <= before
+    )  # fmt: skip
+    yield from (
+        f"{key}.half_width_N[{place}]: got {width}, expected 0 N or more"
+        for place, width in enumerate(half_width_N) if width < 0.0
+    )  # fmt: skip
+    if not (0 <= left_out <= MOST_TESTS and min(1, left_out) <= motions <= left_out):
+        yield (
+            f"{key}: got left_out {left_out:g} and motions {motions:g}, expected left_out from 0 to "
+            f"{MOST_TESTS}, and motions from 1 to left_out (0 if left_out is 0)"
+        )
 
 
 def _relations(reader: PlainReader, entry: object) -> CurrentRelations | None:

@@ -268,7 +268,7 @@ def _with_tested_range(state: FitState) -> FitState:
     law, temperature_degC = fit.behind_spring.law, state.known.temperature_degC or recorded_degC(fitted)
     tested = tested_range(law, fitted, temperature_degC)
     left_out = [] if state.chosen is None else left_out_tests(state.chosen, state.fitted, fit.weight)
-    validating = held_out_tests(law, held_out, tested, len(left_out))
+    validating = held_out_tests(law, held_out, tested)
     sources = ["cross-validation"] * bool(left_out) + ["validation tests"] * bool(validating)
     band = error_band(
         law, fitted, [*left_out, *validating], " and ".join(sources), to_the_noise=fit.adequate is True

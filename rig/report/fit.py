@@ -144,7 +144,10 @@ def _equation(fit: FitRecord, display: Display) -> Blocks:
 def _prediction_error(fit: FitRecord, display: Display) -> Blocks:
     """How far predictions within the tested range are off, for each current."""
     if fit.tested is None or not fit.tested.band.of_predictions:
-        text = "Prediction error: unknown; no test lies within the range of tests of other motions."
+        text = (
+            "Prediction error: unknown; all tests have one motion, or no test lies within the range of tests of other "
+            "motions."
+        )
         return [Paragraph(text, small=True)]
     band = fit.tested.band
     rows = [

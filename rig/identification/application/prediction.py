@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from rig.identification.application.motion_table import Table
 
 NO_BAND = (
-    "no band: the fit contains no prediction error, because an earlier version made it, or because no test lies within "
-    "the range of tests of other motions. Fix: identify the run again, with tests of two or more motions"
+    "no band: the fit contains no prediction error, because an earlier version made it, because all tests have one "
+    "motion, or because no test lies within the range of tests of other motions. Fix: identify the run again, with "
+    "tests of two or more motions"
 )
 
 

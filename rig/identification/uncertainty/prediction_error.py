@@ -26,11 +26,12 @@ from rig.identification.models.coverage import beyond
 from rig.identification.models.measurement import Measurement, first_cycle, recorded_errors, set_of
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.solving import Candidate, Method
-from rig.signals.test_set import LEAST_CURRENT_A, current_levels
+from rig.signals.test_set import LEAST_CURRENT_A, MotionReading, current_levels, motion_groups
 
 BAND = 0.95  # share of samples within the band
 LEVELS = 16  # of the current, over which the band is told apart
 FEWEST = 20  # samples of a level
+FEWEST_MOTIONS = 2  # one tells nothing about another
 LEAST_OF_PEAK = 1e-6  # of the peak force: residuals of exact data are no scale for errors
 FITTED_SHARE = 0.368  # 1/e, Efron's
 BETWEEN_MOTIONS = 0.4  # standard deviation of the logarithm of the errors' size between motions; measured damper: 0.35
@@ -42,12 +43,12 @@ class PredictedTest:
     """A test and the errors of its force.
 
     Attributes:
-        motion: number of its motion.
+        motion: its motion.
         current_A: current of its samples (A), shape (n,).
         error_N: measured minus predicted force (N), shape (n,).
     """
 
-    motion: int
+    motion: MotionReading
     current_A: FloatArray
     error_N: FloatArray
 
@@ -60,30 +61,23 @@ class PredictedTest:
 def left_out_tests(best: Candidate, fitted: Sequence[Measurement], weight: str) -> list[PredictedTest]:
     """Tests predicted by fits to the other motions, those within the others' range; none where that is not possible."""
     predicted: list[PredictedTest] = []
+    if len(set_of(fitted).motions) < FEWEST_MOTIONS:
+        return predicted
     try:
-        for number, fold in enumerate(folds_of(best.model, fitted, Method(weight=weight), best.solution.values)):
+        for fold in folds_of(best.model, fitted, Method(weight=weight), best.solution.values):
             for test in fold.left_out:
-                predicted += _within(test, modelled_force(best.model, fold.values, test), fold.covered, number)
+                predicted += _within(test, modelled_force(best.model, fold.values, test), fold.covered)
     except IdentificationFailed:  # the others do not determine the model
         return []
     return predicted if all(np.all(np.isfinite(one.error_N)) for one in predicted) else []
 
 
-def held_out_tests(
-    law: Law, held_out: Sequence[Measurement], covered: Covered, first: int
-) -> list[PredictedTest]:
-    """Held-out tests that lie within the range of the fitted ones; their motions are numbered from `first`."""
-    motions = set_of(held_out).motions.of_test if held_out else ()
-    return [
-        one
-        for test, motion in zip(map(first_cycle, held_out), motions, strict=True)
-        for one in _within(test, law.force_of(test), covered, first + motion)
-    ]
+def held_out_tests(law: Law, held_out: Sequence[Measurement], covered: Covered) -> list[PredictedTest]:
+    """Held-out tests that lie within the range of the fitted ones."""
+    return [one for test in map(first_cycle, held_out) for one in _within(test, law.force_of(test), covered)]
 
 
-def _within(
-    test: Measurement, modelled_N: FloatArray, covered: Covered, motion: int
-) -> Iterator[PredictedTest]:
+def _within(test: Measurement, modelled_N: FloatArray, covered: Covered) -> Iterator[PredictedTest]:
     """The errors of a test where it lies within what others covered; nothing if it lies beyond."""
     if beyond(covered, test):
         return
@@ -93,13 +87,13 @@ def _within(
         kept &= ~outside
     if np.any(kept):
         error_N = recorded_errors(test, test.force_N - modelled_N)
-        yield PredictedTest(motion, test.current_A[kept], error_N[kept])
+        yield PredictedTest(test.motion, test.current_A[kept], error_N[kept])
 
 
 def error_band(
     law: Law, fitted: Sequence[Measurement], predicted: Sequence[PredictedTest], source: str, *, to_the_noise: bool
 ) -> Band:
-    """The band of a fit; without predicted tests that of the residuals.
+    """The band of a fit; without predicted tests or with one motion that of the residuals.
 
     Args:
         law: the fitted model.
@@ -111,12 +105,12 @@ def error_band(
     errors = []
     for test in map(first_cycle, fitted):
         error_N = recorded_errors(test, test.force_N - law.force_of(test))
-        errors.append(PredictedTest(0, test.current_A[test.scored], error_N[test.scored]))
+        errors.append(PredictedTest(test.motion, test.current_A[test.scored], error_N[test.scored]))
     band = _residual_band(fitted, errors)
-    if not predicted:
+    if not predicted or len(motion_groups([one.motion for one in (*errors, *predicted)])) < FEWEST_MOTIONS:
         return band
     errors = [one.thinned() for one in errors]
-    count = len({one.motion for one in predicted})
+    count = len(motion_groups([one.motion for one in predicted]))
     spread = 0.0 if to_the_noise else BETWEEN_MOTIONS * math.sqrt(2.0 / count)
     pools = ((errors, FITTED_SHARE), (predicted, 1.0 - FITTED_SHARE))
     scores = np.concatenate([np.abs(one.error_N) / band.at(one.current_A) for pool, _ in pools for one in pool])

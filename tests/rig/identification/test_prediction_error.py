@@ -12,6 +12,8 @@ import pandas as pd
 import pytest
 
 from rig.dampers import parameter_set
+from rig.errors import FileProblem
+from rig.fits.entries import Band
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.measurement import first_cycle
 from rig.identification.runs import write_fit
@@ -95,3 +97,37 @@ def test_tests_of_one_motion_give_no_band_between_the_outermost_currents_alone(t
     fit = identify(one, model="bingham", diagnose=False)
     assert fit.tested is not None
     assert (fit.tested.band.left_out, fit.tested.band.source) == (0, "fitted tests")
+
+
+def test_one_motion_at_three_currents_gives_no_band(tests: list[Measurement]) -> None:
+    fit = identify([test for test in tests if test.frequency_Hz == 1.0], model="bingham", diagnose=False)
+    assert fit.tested is not None
+    assert (fit.tested.band.left_out, fit.tested.band.motions) == (0, 0)
+
+
+def test_a_motion_validated_at_another_current_is_no_other_motion(tests: list[Measurement]) -> None:
+    apart = [test for test in tests if test.nominal_current_A == 1.0]
+    kept = [test for test in tests if test.nominal_current_A != 1.0]
+    fit = identify(kept, model="bingham", diagnose=False, holdout=apart)
+    assert fit.tested is not None
+    assert (fit.tested.band.left_out, fit.tested.band.motions) == (10, 4)  # 3 motions at 2 currents, 4 at the third
+
+
+@pytest.mark.parametrize("wrong", [
+    {"half_width_N": [1.0]}, {"half_width_N": [], "current_A": []}, {"half_width_N": [-1.0, 1.0, 1.0]},
+    {"current_A": [1.0, 0.0, 2.0]}, {"left_out": -1}, {"left_out": 1e300}, {"motions": 10},
+    {"half_width_N": [None, 1.0, 1.0]},
+])  # fmt: skip
+def test_numbers_that_no_prediction_error_has_are_refused(fit: Fit, tmp_path: Path, wrong: dict[str, object]) -> None:
+    written, _ = write_fit(fit, tmp_path)
+    content = json.loads(written.read_text())
+    content["tested"]["band"].update(wrong)
+    written.write_text(json.dumps(content))
+    with pytest.raises(FileProblem, match=r"tested\.band"):
+        Fit.load(written)
+
+
+def test_a_band_of_few_motions_says_so_and_counts_agree_with_their_nouns() -> None:
+    for counts, words in (((1, 1), "1 test of only 1 motion "), ((6, 2), "6 tests of only 2 motions "),
+                          ((9, 3), "9 tests of 3 motions ")):  # fmt: skip
+        assert words in Band((0.0,), (1.0,), "", *counts).describe()
