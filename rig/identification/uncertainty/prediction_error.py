@@ -19,7 +19,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.covered import Covered
 from rig.errors import IdentificationFailed
-from rig.fits.entries import Band
+from rig.fits.entries import FEW_MOTIONS, Band
 from rig.identification.application.law import Law
 from rig.identification.cross_validation import SAMPLES, folds_of
 from rig.identification.models.coverage import beyond
@@ -35,6 +35,7 @@ FEWEST_MOTIONS = 2  # one tells nothing about another
 LEAST_OF_PEAK = 1e-6  # of the peak force: residuals of exact data are no scale for errors
 FITTED_SHARE = 0.368  # 1/e, Efron's
 BETWEEN_MOTIONS = 0.4  # standard deviation of the logarithm of the errors' size between motions; measured damper: 0.35
+OF_FEW = 1.6  # times that for few motions: Student's 97.5 % at 3 degrees of freedom over the normal one
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 
 
@@ -111,7 +112,8 @@ def error_band(
         return band
     errors = [one.thinned() for one in errors]
     count = len(motion_groups([one.motion for one in predicted]))
-    spread = 0.0 if to_the_noise else BETWEEN_MOTIONS * math.sqrt(2.0 / count)
+    wider = OF_FEW if count <= FEW_MOTIONS else 1.0
+    spread = 0.0 if to_the_noise else wider * BETWEEN_MOTIONS * math.sqrt(2.0 / count)
     pools = ((errors, FITTED_SHARE), (predicted, 1.0 - FITTED_SHARE))
     scores = np.concatenate([np.abs(one.error_N) / band.at(one.current_A) for pool, _ in pools for one in pool])
     weights = np.concatenate([
