@@ -104,6 +104,21 @@ def comparable(kind: Kind, scatter: float, loss: float, random: np.random.Genera
             return sections
 
 
+def level_stop(
+    scatter: float, correlation: float, loss: float, blocks: int, limit: float, random: np.random.Generator
+) -> int | None:
+    """Block after which a test of one cycle a block is ended, whose level scatters from block to block and falls."""
+    level, share = scatter * random.standard_normal(blocks), np.sqrt(1.0 - correlation**2)
+    for place in range(1, blocks):
+        level[place] = correlation * level[place - 1] + share * level[place]
+    values = LEVEL * (1.0 + level - loss * np.arange(blocks) / blocks)
+    medians = dict.fromkeys(QUANTITIES, np.full(blocks, np.nan)) | {QUANTITY: values}
+    number = np.arange(1.0, blocks + 1.0)
+    errors = {QUANTITY: np.full(blocks, np.nan)}
+    sections = Sections(number, number, medians, np.zeros(blocks, np.int64), errors)
+    return first_stop(sections, Kind(1, 1), StopRule(NAME, limit))[0]
+
+
 def main() -> int:
     """Healthy and worn tests."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -131,6 +146,13 @@ def main() -> int:
         wear = limit * (1.0 + middle / (BLOCKS / 2))
         print(f"worn by {limit:.0%} in {BLOCKS // 2} blocks, scatter of a section {share:.1%}: ends {middle:.0f} "
               f"blocks after the limit ({low:.0f} to {high:.0f}), at {wear:.1%}")
+    for scatter, correlation, limit in ((0.03, 0.0, 0.05), (0.05, 0.0, 0.1), (0.05, 0.97, 0.1)):
+        for blocks, loss in ((4, 0.0), (100, 0.0), (100, 0.4)):
+            found = [level_stop(scatter, correlation, loss, blocks, limit, random) for _ in range(tests)]
+            ends = [one for one in found if one is not None]
+            middle = f", at a loss of {loss * (np.median(ends) - 1) / blocks:.1%} (median)" if ends and loss else ""
+            print(f"level of a block scatters by {scatter:.0%} (correlation {correlation}), one cycle a block, limit "
+                  f"{limit:.0%}, {blocks} blocks, loss {loss:.0%}: {len(ends)} of {tests} ended{middle}")
     return 0
 
 

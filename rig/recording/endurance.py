@@ -358,12 +358,14 @@ def rule_text(rule: StopRule, followed: FollowedRule, why: str = "") -> str:
     """
     scale, unit = (100.0, "%") if rule.kind.relative else (1.0, "degC")
     limit, value, expected = f"limit {scale * rule.limit:.3g} {unit}", followed.last, followed.forecast
-    if why:
+    if why and value is None:
         return f"{rule.kind.words} not evaluated ({limit}): {why}"
     if value is None:
         return f"{rule.kind.words} unknown ({limit}): {'no baseline yet' if rule.kind.relative else 'not measured'}"
     about = f" ± {scale * followed.uncertainty:.2g}" if np.isfinite(followed.uncertainty) else ""
     text = f"{rule.kind.words} {scale * value or 0.0:.3g}{about} {unit} ({limit}"
+    if why:
+        return f"{text}, not evaluated yet: {why})"
     if expected.cycles is not None and expected.state == "trend":
         cycles, low, high = (float(f"{one or 0.0:.3g}") for one in (expected.cycles, expected.low, expected.high))
         text += f", forecast after {cycles:,.0f} cycles, 95 % interval {low:,.0f} to {high:,.0f}"

@@ -2,8 +2,9 @@
 
 A section is some consecutive cycles, described by the medians of their statistics (`rig.signals.cycle_statistics`).
 Change is relative to the baseline, the median of the first sections after the running-in. A relative limit is reached
-when it is exceeded by more than the uncertainty of the baseline and of the last sections: a test of thousands of blocks
-is evaluated thousands of times, and one evaluation in error ends it.
+when it is exceeded by more than the uncertainty of the baseline and of the last sections, and when the change cannot be
+scatter: a test of thousands of blocks is evaluated thousands of times, and one evaluation in error ends it. How much a
+level scatters from block to block is not known before there are some blocks.
 """
 
 from __future__ import annotations
@@ -34,10 +35,26 @@ STRONGEST_CORRELATION = 0.95
 VISIBLE, FEWEST_FOR_SCATTER, NORMAL_OF_MAD = 3.0, 4, 1.4826
 """A baseline is so many standard deviations of its sections at least, where it has so many; by the median deviation."""
 STANDARD_ERRORS = 5.0
-"""A baseline is more standard errors of a section's median than this, from the scatter of its cycles; a limit is
-exceeded by more standard errors of the mean of the last blocks than this, since it is evaluated after every block."""
+"""A baseline is more standard errors of a section's median than this, from the scatter of its cycles; a change is more
+standard errors of the mean of the last blocks than this, since it is evaluated after every block."""
 ERRORS_OF_BASELINE = 2.6
-"""Standard errors of the baseline by which a limit is exceeded at least: it is determined once (1 in 200)."""
+"""Standard errors of the baseline in a change, in addition: it is determined once (1 in 200)."""
+FEWEST_BLOCKS = 5
+"""From the baseline on, for the scatter of the level from block to block."""
+BLOCKS_A_SCALE = 8
+"""So many means of blocks at least, for their scatter: one step, as real wear may have, changes few of them."""
+BLOCKS_A_LAG = 6
+"""As `BLOCKS_A_SCALE`, for the differences of single blocks that are apart by a lag."""
+BY_CHANCE = 1.1
+"""By this factor the scatter of distant blocks may exceed that of neighbours where the level does not change slowly."""
+SHARE_OF_MAD = 0.28
+"""Degrees of freedom of each value of a median deviation: its efficiency of 0.37, less as differences correlate."""
+LUCK, BLOCKS_OF_LUCK = 1.0 / 3.0, 12
+"""A median deviation of fewer blocks can be almost zero by chance: below this share of the spread it is not believed.
+"""
+BEYOND_SCATTER = 0.5
+"""A change beyond the limit by this share of the level at the limit is no scatter, even where that is not known."""
+FEW_BLOCKS = f"its scatter from block to block is not known before {FEWEST_BLOCKS} blocks"
 ERROR_OF_MEDIAN = 1.2533
 """Standard error of a median of normal values, relative to that of their mean."""
 LEAST_OF_LARGER = 0.05
@@ -247,9 +264,18 @@ def why_not_evaluated(rule: StopRule, sections: Sections, run_in: float) -> str:
         return ""
     after, baseline = _first_of_block(sections) >= run_in, baseline_of(sections, run_in)
     if any(math.isfinite(baseline[name]) for name in rule.kind.quantities):
-        return ""
+        return _few_blocks(rule, sections, run_in, baseline)
     measured = any(np.any(np.isfinite(sections.medians[name][after])) for name in rule.kind.quantities)
     return NOT_DISTINGUISHABLE if measured else ""
+
+
+def _few_blocks(rule: StopRule, sections: Sections, run_in: float, baseline: Mapping[str, float]) -> str:
+    """That the blocks are too few for any quantity of a rule whose limit is not reached; empty otherwise."""
+    names = [name for name in rule.kind.quantities if math.isfinite(baseline[name])]
+    after = _first_of_block(sections) >= run_in
+    blocks = [np.unique(sections.block[after & np.isfinite(sections.medians[name])]).size for name in names]
+    few = max(blocks) < FEWEST_BLOCKS and not reached_by(rule, sections, run_in)
+    return FEW_BLOCKS if few else ""
 
 
 def _level(values: FloatArray, errors: FloatArray, block: FloatArray, after: BoolArray) -> Baseline:
@@ -279,8 +305,9 @@ def reached_by(rule: StopRule, sections: Sections, run_in: float) -> bool:
 
     A relative limit is exceeded by this section, and with confidence: by the section itself, or by the mean of the last
     1, 2, 4, 8, ... blocks. So a well-known quantity ends the test with its first section beyond the limit, and one
-    whose scatter is not small against the limit after as many blocks as it takes. The last section itself may have no
-    statistics: its samples may be missing.
+    whose scatter is not small against the limit after as many blocks as it takes. An unknown scatter ends no test,
+    unless half of what is left at the limit is lost too. The last section itself may have no statistics: its samples
+    may be missing.
 
     Args:
         rule: the rule.
@@ -308,7 +335,8 @@ def uncertainty_of(rule: StopRule, sections: Sections, run_in: float) -> float:
         if known.size:
             seen = _scatter_seen(sections, name, baselines[name], known)
             wide = NORMAL * math.hypot(seen.baseline * (1.0 + abs(change[known[-1]])), max(seen.section, seen.between))
-            changes_seen.append((float(change[known[-1]]), wide or math.nan))
+            unknown = not wide or math.isnan(seen.between)
+            changes_seen.append((float(change[known[-1]]), math.nan if unknown else wide))
     return max(changes_seen)[1]
 
 
@@ -322,21 +350,31 @@ def _quantity_reached(rule: StopRule, sections: Sections, name: str, baseline: B
     seen = _scatter_seen(sections, name, baseline, known)
     known = known[known >= baseline.first]
     of_blocks = _block_means(beyond, sections.block, known)
-    margin = ERRORS_OF_BASELINE * seen.baseline * (1.0 + rule.limit if rule.kind.rising else 1.0 - rule.limit)
-    counts = 2 ** np.arange(int(math.log2(of_blocks.size)) + 1)
+    at_limit = 1.0 + rule.limit if rule.kind.rising else 1.0 - rule.limit
+    lost = bool(of_blocks[-1] >= BEYOND_SCATTER * at_limit + STANDARD_ERRORS * seen.section)
+    if lost or math.isnan(seen.between):
+        return lost
+    counts = 2 ** np.arange(seen.blocks.size)
     means = np.cumsum(of_blocks[::-1])[counts - 1] / counts
-    confident = means >= margin + STANDARD_ERRORS * seen.block / np.sqrt(counts)
-    alone = beyond[known[-1]] >= margin + STANDARD_ERRORS * max(seen.section, seen.between)
-    return bool(np.any(confident) or alone)
+    certain = means >= NORMAL * np.hypot(at_limit * seen.baseline, seen.blocks)
+    no_scatter = means + rule.limit >= ERRORS_OF_BASELINE * seen.baseline + STANDARD_ERRORS * seen.blocks
+    return bool(np.any(certain & no_scatter))
 
 
 class _Scatter(NamedTuple):
-    """Standard errors, relative to the baseline: of the baseline, a section, a block, and from block to block."""
+    """Standard errors, relative to the baseline.
+
+    Attributes:
+        baseline: of the baseline.
+        section: of a section, within its block.
+        between: of the level from block to block, at any distance; not-a-number where there are too few blocks.
+        blocks: of the mean of the last 1, 2, 4, ... blocks.
+    """
 
     baseline: float
     section: float
-    block: float
     between: float
+    blocks: FloatArray
 
 
 def _scatter_seen(sections: Sections, name: str, baseline: Baseline, known: IntArray) -> _Scatter:
@@ -346,10 +384,41 @@ def _scatter_seen(sections: Sections, name: str, baseline: Baseline, known: IntA
     values = sections.medians[name]
     of_section = _section_error(sections, name, known) / level
     of_blocks = _block_means(values, sections.block, known)
-    between = _step_scatter(of_blocks) / level
+    between, errors = _errors_of_means(of_blocks / level)
     of_baseline = baseline.error / level if math.isfinite(baseline.error) else 0.0
-    of_block = of_section * math.sqrt(of_blocks.size / known.size)
-    return _Scatter(max(of_baseline, between), of_section, max(of_block, between), between)
+    within = of_section * math.sqrt(of_blocks.size / known.size) / np.sqrt(2 ** np.arange(errors.size))
+    return _Scatter(float(np.fmax(of_baseline, between)), of_section, between, np.maximum(errors, within))
+
+
+def _errors_of_means(values: FloatArray) -> tuple[float, FloatArray]:
+    """Standard errors of the means of the last 1, 2, 4, ... values, and the largest; not-a-number of too few values.
+
+    Neither wear along a straight line nor a single step enlarges them: from the spread about a straight line or the
+    median deviation of the differences, whichever is smaller with its factor of Student for few values. For longer
+    means the differences of neighbouring means count too (Allan deviation): a level that changes slowly and returns
+    is not known better by more blocks.
+    """
+    size = values.size
+    counts = 2 ** np.arange(int(math.log2(size)) + 1)
+    if size < FEWEST_BLOCKS:
+        return math.nan, np.full(counts.size, math.nan)
+    place = np.arange(size) - (size - 1) / 2.0
+    left = values - np.mean(values) - place * float(place @ values / (place @ place))
+    about_line = _student(size - 2) * math.sqrt(float(left @ left) / (size - 2))
+    steps = _student(SHARE_OF_MAD * (size - 1)) * _step_scatter(values)
+    single = max(min(about_line, steps), LUCK * about_line if size < BLOCKS_OF_LUCK else 0.0) / NORMAL
+    errors, sums = single / np.sqrt(counts), np.concatenate(([0.0], np.cumsum(values)))
+    for row in range(1, counts.size):
+        count = int(counts[row])
+        if BLOCKS_A_SCALE * count > size:
+            errors[row] = errors[row - 1] / math.sqrt(2.0)
+            continue
+        means = (sums[count:] - sums[:-count]) / count
+        errors[row] = max(errors[row], _scatter(means[count:] - means[:-count]) / math.sqrt(2.0))
+    apart = [_scatter(values[count:] - values[:-count]) for count in counts[1:] if BLOCKS_A_LAG * count <= size]
+    between = max(single, max(apart, default=0.0) / math.sqrt(2.0))
+    slow = math.sqrt(max(0.0, between**2 - (BY_CHANCE * single) ** 2))
+    return between, np.maximum(errors, slow)
 
 
 def _block_means(values: FloatArray, block: FloatArray, known: IntArray) -> FloatArray:

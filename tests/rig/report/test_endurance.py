@@ -30,10 +30,11 @@ def loop(name: str, force_N: float, step: EnduranceStep | None) -> RecordedPoint
     )
 
 
-def weakening(force_N: np.ndarray, unseen: int = 0) -> EnduranceTest:
-    """A test whose peak force is given at every 10 cycles (n,) of its only block."""
+def weakening(force_N: np.ndarray, unseen: int = 0, sections_a_block: int = 1000) -> EnduranceTest:
+    """A test whose peak force is given at every 10 cycles (n,), in blocks of so many sections."""
     cycle = 10.0 * np.arange(1, len(force_N) + 1)
-    sections = Sections(cycle, np.ones(len(force_N)), {name: force_N.copy() for name in QUANTITIES},
+    block = np.arange(len(force_N)) // sections_a_block + 1.0
+    sections = Sections(cycle, block, {name: force_N.copy() for name in QUANTITIES},
                         np.zeros(len(force_N), np.int64))
     step = EnduranceStep("wear", 0, 1000, 1, 200, 10)
     ledger = EnduranceLedger("wear", (StopRule("force_down", 0.2),))
@@ -74,11 +75,11 @@ def test_the_summary_states_cycles_and_stop_rules() -> None:
     assert (str(running.value), str(running.meaning)) == (
         "200 of 1,000", "cycles of the endurance test wear; decrease of the peak force 5.26 % (limit 20 %)"
     )
-    (ended,) = endurance_facts([weakening(np.linspace(1000.0, 600.0, 20))], SI)
+    (ended,) = endurance_facts([weakening(np.linspace(1000.0, 600.0, 20), sections_a_block=2)], SI)
     assert str(ended.value) == "200"
     assert str(ended.meaning) == (
         "cycles of the endurance test wear, of 1,000 planned; ended by a stop rule: decrease of the peak force; "
-        "decrease of the peak force 25 % (limit 20 %)"
+        "decrease of the peak force 39.4 % (limit 20 %)"
     )
 
 
@@ -97,7 +98,7 @@ def test_a_block_that_was_interrupted_and_continued_has_the_verdict_of_its_best_
 
 
 def test_the_end_by_a_stop_rule_is_stated() -> None:
-    blocks = endurance_section((weakening(np.linspace(1000.0, 600.0, 20)),), SI)
+    blocks = endurance_section((weakening(np.linspace(1000.0, 600.0, 20), sections_a_block=2),), SI)
     notes = [str(block.words) for block in blocks if isinstance(block, Note)]
     assert notes == ["A stop rule ended the test: decrease of the peak force."]
 
