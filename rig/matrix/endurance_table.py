@@ -70,7 +70,8 @@ class EnduranceStop(Section):
     stiffness_down: Decrease | None = Field(default=None, description="decrease of the stiffness")
     friction_up: Increase | None = Field(default=None, description="increase of the friction", examples=["50 %"])
     gas_force_down: Decrease | None = Field(
-        default=None, description="decrease of the mean force, which shows a gas leak", examples=["30 %"],
+        default=None, examples=["30 %"],
+        description="decrease of the mean of rebound and compression force (gas force of a symmetric damper)",
     )
     temperature: Annotated[float, Quantity("temperature", "-40 degC", "250 degC")] | None = Field(
         default=None, description="highest coil temperature", examples=["90 degC"],

@@ -41,6 +41,10 @@ NOTE = (
     "interval. In a current program, cycles at the same current are compared; each rule shows the current at which it "
     "is closest to its limit."
 )
+MEAN_FORCE_NOTE = (
+    "A decrease of the mean of rebound and compression force is no proof of a gas leak: the mean is the gas force only "
+    "of a symmetric damper; otherwise it decreases with the damping forces, too."
+)
 MOST_DRAWN = 2000
 MOST_LISTED = 100
 """Rows of the table of blocks that are not valid."""
@@ -120,6 +124,8 @@ def _rules(test: EnduranceTest, display: Display) -> Blocks:
         cycles, interval = _forecast(followed.forecast)
         shown = _value(rule, last, display, followed.uncertainty)
         cells = (capitalised(rule.kind.words), _value(rule, rule.limit, display), shown, cycles, interval)
+        if "mean_force" in rule.kind.quantities:
+            notes.append(MEAN_FORCE_NOTE)
         rows.append(Row(cells, _severity(rule, last, reached=followed.forecast.state == "reached")))
     return [table(RULE_HEAD, rows), *(Note(FAIR, note) for note in notes)] if rows else []
 

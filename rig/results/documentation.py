@@ -91,7 +91,9 @@ def _quantities() -> Iterator[str]:
     yield "## Quantities\n\n"
     yield "Values of `characteristics.quantity`. Quantities of the specimen are not determined from invalid points.\n"
     yield "A response time that the rig cannot resolve has no row. The rows of an endurance test belong to the\n"
-    yield "point of its last block; `endurance_cycles_to_...` exists only if that stop rule ended the test.\n\n"
+    yield "point of its last block; `endurance_cycles_to_...` exists only if that stop rule ended the test.\n"
+    yield "`endurance_end_gas_force_down` is no gas leak by itself: the mean of rebound and compression force is the\n"
+    yield "gas force only of a symmetric damper.\n\n"
     yield "| quantity | meaning | unit | subject |\n|---|---|---|---|\n"
     for one in QUANTITIES.values():
         yield f"| `{one.name}` | {one.title} | {one.unit} | {one.subject} |\n"

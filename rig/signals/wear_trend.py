@@ -88,7 +88,7 @@ RULES: Mapping[str, RuleKind] = {
     "energy_down": RuleKind(("energy",), False, True, "decrease of the energy per cycle"),
     "stiffness_down": RuleKind(("stiffness",), False, True, "decrease of the stiffness"),
     "friction_up": RuleKind(("friction",), True, True, "increase of the friction"),
-    "gas_force_down": RuleKind(("mean_force",), False, True, "decrease of the gas force"),
+    "gas_force_down": RuleKind(("mean_force",), False, True, "decrease of the mean of rebound and compression force"),
     "temperature": RuleKind(("temperature",), True, False, "coil temperature"),
 }
 """Stop rules by their key in a matrix file."""

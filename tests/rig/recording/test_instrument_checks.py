@@ -132,6 +132,12 @@ def test_a_loop_too_weak_to_show_its_lag_does_not_disprove_an_input() -> None:
     assert slugs(judge(weak[:1])) == set()
 
 
+def test_a_gain_that_one_weak_loop_shows_is_not_certain() -> None:
+    """-3.8 +- 0.8 % of a true 0, from 33 polls of a coarse input; -8 % is certain."""
+    for gain, reported in ((0.9618, set()), (0.92, {"load-cell-gain"})):
+        assert slugs(judge([Checked("p001", 0.0, 0.0, Agreement(Estimate(gain, 0.008)))])) == reported
+
+
 def test_gain_and_lag_of_one_point_alone_are_evaluated_until_there_are_others() -> None:
     points = campaign(13, 6)
     odd = replace(points[1], force=Agreement(Estimate(1.1, 0.002), None, Estimate(-2e-3, 1e-4), 2.25e-4))
