@@ -186,7 +186,7 @@ def test_a_limit_is_reached_only_beyond_the_uncertainty() -> None:
     assert 0.15 < uncertainty_of(rule, healthy, 0) < 0.5
     assert first_stop(*[100.0] * 40) is None
     assert first_stop(*[100.0] * 10, *[40.0] * 8) in range(11, 18)
-    exact = joined(*[100.0] * 9, 79.5, noise=0.01)
+    exact = joined(*[100.0] * 13, 79.5, noise=0.01)
     assert reached_by(rule, exact, 0), "a well-known quantity ends the test with the first block beyond its limit"
 
 
