@@ -43,7 +43,7 @@ class LiveDisplay:
         self._message_count = 0
         self._state: dict[str, Any] = {
             "phase": "", "kind": str(phase_kind("")), "stopping": False, "point": "", "cycles": 0, "time_left_s": None,
-            "ended": None,
+            "ended": None, **_counted({}),
         }  # fmt: skip
 
     def planned(self, plan: Plan) -> None:
@@ -80,7 +80,7 @@ class LiveDisplay:
     def point_done(self, result: PointResult) -> None:
         """A point's verdict."""
         self._results[result.id] = _shown(result)
-        self._replace(RESULTS, self._results)
+        self._tell_results()
 
     def message(self, level: str, text: str) -> None:
         """A line for the operator."""
@@ -108,11 +108,16 @@ class LiveDisplay:
         for point in result.points:
             if point.id in self._results or point.verdict != NOT_RUN:
                 self._results[point.id] = _shown(point)
-        self._replace(RESULTS, self._results)
+        self._tell_results()
         self._state["ended"] = {
             "valid": result.valid, "total": result.total, "rig_state": str(result.rig_state),
             "stopped_by": result.stopped_by, "exit_code": result.exit_code, "lines": lines,
         }
+        self._write()
+
+    def _tell_results(self) -> None:
+        self._replace(RESULTS, self._results)
+        self._state |= _counted(self._results)
         self._write()
 
     def _write(self) -> None:
@@ -123,6 +128,12 @@ class LiveDisplay:
         # What pages are shown is worth no stop, and shared memory that is full now may not be so the next time.
         with contextlib.suppress(OSError):
             replace_json(self._folder / name, value)
+
+
+def _counted(results: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
+    """Number of points by verdict, for lists that show no points."""
+    verdicts = [one["verdict"] for one in results.values()]
+    return {name: verdicts.count(name) for name in ("valid", "suspect", "invalid")}
 
 
 def _shown(result: PointResult) -> dict[str, Any]:

@@ -94,6 +94,16 @@ class Facts:
 
     facts: tuple[Fact, ...]
 
+    @property
+    def columns(self) -> int:
+        """Number of columns, so that no row has one fact less than it must: 5 in one row, 6 in two of 3."""
+        count = len(self.facts)
+        return -(-count // max(1, -(-count // MOST_FACTS)))
+
+
+MOST_FACTS = 5
+"""Facts in one row."""
+
 
 @dataclass(frozen=True)
 class Keys:

@@ -111,7 +111,7 @@ def _facts(block: b.Facts) -> str:
         f'<div class="fact{"" if fact.severity == PLAIN else f" {fact.severity}"}"><b>{inline(fact.value)}</b>'
         f"<span>{inline(fact.meaning)}</span></div>" for fact in block.facts
     )  # fmt: skip
-    return f'<div class="facts">{facts}</div>'
+    return f'<div class="facts" style="--columns:{block.columns}">{facts}</div>'
 
 
 def _keys(block: b.Keys) -> str:
@@ -219,9 +219,9 @@ p.lead {{ margin:0 0 14px; color:var(--soft); max-width:75em; }}
 nav {{ margin:4px 0 6px; line-height:1.5; font-size:14px; }} nav a {{ margin-right:16px; color:{MEASURED}; }}
 nav a {{ white-space:nowrap; text-decoration:none; }} nav a:hover {{ text-decoration:underline; }}
 h2[id] {{ scroll-margin-top:36px; }}
-.facts {{ display:flex; flex-wrap:wrap; gap:10px; margin:8px 0; }}
+.facts {{ display:grid; grid-template-columns:repeat(var(--columns),minmax(0,1fr)); gap:10px; margin:8px 0; }}
 .fact,.card {{ background:var(--paper); border:1px solid var(--line); border-radius:8px; }}
-.fact {{ padding:6px 14px; min-width:130px; }}
+.fact {{ padding:6px 14px; min-width:0; overflow-wrap:anywhere; }}
 .fact b {{ display:block; font-size:20px; line-height:1.25; }}
 .fact span {{ color:var(--soft); font-size:14px; }}
 {_BARS}
@@ -266,7 +266,8 @@ dl.data dt {{ color:var(--soft); }} dl.data dd {{ margin:0; overflow-wrap:anywhe
 dl.data {{ grid-template-columns:1fr; gap:0; }}
 h1 {{ font-size:21px; }} .cover {{ flex-direction:column-reverse; gap:6px; }} .logo {{ height:44px; }}
 dl.data.across2,dl.data.across3 {{ grid-template-columns:1fr; gap:0; }} dl.data dd {{ margin-bottom:6px; }}
-.fact {{ flex:1 1 45%; min-width:0; padding:5px 10px; }} .fact b {{ font-size:17px; }}
+.facts {{ grid-template-columns:repeat(2,minmax(0,1fr)); }} .fact:last-child:nth-child(odd) {{ grid-column:1/-1; }}
+.fact {{ padding:5px 10px; }} .fact b {{ font-size:17px; }}
 nav a,.key span {{ white-space:normal !important; }} }}
 @media screen and (max-width:700px) {{
 table {{ width:max-content; min-width:100%; font-size:13px; }} th,td {{ padding:4px 7px; }}

@@ -405,7 +405,7 @@ def _facts(block: b.Facts, width: float) -> Iterator[Any]:
         value = f'<font size="10" color="{colour}"><b>{inline(fact.value)}</b></font>'
         cells.append([Flow(f"{value}<br/>{inline(fact.meaning)}", _style("fact"))])
     if cells:
-        yield _grid(cells, max(1, min(4, len(cells))), width)
+        yield _grid(cells, block.columns, width)
 
 
 def _keys(block: b.Keys, _width: float) -> Iterator[Any]:

@@ -373,6 +373,9 @@ class BenchControl:
                 raise Refusal("still-analysing", f"The report of {run} is being written. Try again in a moment.")
             raise Refusal("already-running", f"A run is in progress on this bench: {run or 'starting'}.")
         if self.starting and self.started is not None:
+            if self._begun:  # its campaign has ended, its process has not
+                raise Refusal("still-analysing", f"{self.started.title}: the run has ended and is still being "
+                              "evaluated. Try again in a moment.")  # fmt: skip
             raise Refusal("already-running", f"{self.started.by} is starting a run: {self.started.title}.")
 
     async def _plan(self, message: Mapping[str, Any], requester: Requester) -> dict[str, Any]:

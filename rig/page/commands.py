@@ -1,6 +1,6 @@
 """What a browser may ask for, by its rights: a stop by every client, the rest by the holder of the lease.
 
-    {"do": "stop"}                                        every client, always
+    {"do": "stop", "name": TEXT}                          every client, always; the name is told, and grants nothing
     {"do": "lease", "name": TEXT}, {"do": "release"}      an operator's client
     {"do": "pause"}, {"do": "start", "confirmed": [...]}  the holder of the lease
     {"do": "words", "operator" | "specimen" | "note" | "acknowledged": TEXT}
@@ -38,6 +38,8 @@ from rig.station.live_folder import APPLICATION_SOCKET, STATION_SOCKET, send_mes
 
 LONGEST_MESSAGE = 4096
 WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
+LONGEST_STRANGER = 60
+"""Of a name without control; what is added to it fits the 80 characters of names."""
 LONGEST_KEY = 64
 MOST_CONFIRMED = 100
 CONTROL_READS = frozenset({"plan", "questions", "prepare"})
@@ -87,7 +89,7 @@ class Commands:
             return _refused("bad-message")
         do = message["do"]
         if do == "stop":
-            return self._stop(client)
+            return self._stop(client, one_line(message.get("name"), LONGEST_STRANGER))
         if do == "clock":
             return {"do": "clock", "ok": True, "host_s": monotonic_ns() * 1e-9, "sent": message.get("sent")}
         if do == "explain":
@@ -115,13 +117,20 @@ class Commands:
         holder = self._lease.holder
         return holder.name if holder is not None and holder.key == client.key else str(client.role)
 
-    def _stop(self, client: Client) -> dict[str, Any]:
+    def _stopped_by(self, client: Client, name: str) -> str:
+        """Who stops, for journals: the operator in control, or another browser under the name that it gives itself."""
+        if self._lease.held_by(client.key):
+            return self.called(client)
+        other = "viewer" if client.role is Role.VIEWER else "without control"
+        return f"{name} ({other})" if name else f"another browser ({other})"
+
+    def _stop(self, client: Client, name: str) -> dict[str, Any]:
         """To both, in the order of who acts first; one that does not take it does not matter to the other."""
         folder = self._folder()
         if folder is None:
-            cancelled = self._cancel is not None and self._cancel(self.called(client))
+            cancelled = self._cancel is not None and self._cancel(self._stopped_by(client, name))
             return {"do": "stop", "ok": True} if cancelled else _refused("not-running", "stop")
-        message = {"do": "stop", "by": self.called(client)}
+        message = {"do": "stop", "by": self._stopped_by(client, name)}
         station = self._say(folder / STATION_SOCKET, message)
         application = self._say(folder / APPLICATION_SOCKET, message)
         if not (station or application):

@@ -100,8 +100,11 @@ class History:
         if not isinstance(total, int) or "imported" in result:
             total = len(planned) if isinstance(planned, list) else 0
         total = max(total, len(verdicts))
-        valid, suspect = verdicts.count("valid"), verdicts.count("suspect")
         live = _live_folder(run)
+        state = {} if live is None else read_json(live / STATE)
+        valid, suspect, invalid = (
+            int(state.get(name, verdicts.count(name))) for name in ("valid", "suspect", "invalid")
+        )  # of the session that runs, where one does
         ended, slug = ("running", "") if live is not None else self._ending(run, result)
         simulated = isinstance(described.get("simulated"), dict)
         own, running = simulated is self._simulated, ended == "running"
@@ -111,7 +114,7 @@ class History:
             "name": name, "specimen": _text(described.get("specimen"), 80),
             "started": _text(when_tested(described), 19), "bench": _text(described.get("bench"), 80),
             "simulated": simulated, "total": total, "valid": valid, "suspect": suspect,
-            "invalid": verdicts.count("invalid"), "ended": ended, "slug": slug,
+            "invalid": invalid, "ended": ended, "slug": slug,
             "matrix": _text(described.get("matrix_file"), 120),
             "operator": _text(self._json(run.operator).get("operator"), 80), "resumed": int(result.get("resumed", 0)),
             "specimen_verdict": specimen.get("verdict", ""),

@@ -28,6 +28,7 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from rig.clock import monotonic_ns
+from rig.explanations.explanation import explained
 from rig.page.access import Access, Denied, Role
 from rig.page.bench_control import BenchControl, Requester
 from rig.page.commands import CONTROL_REQUESTS, LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line, understood
@@ -147,7 +148,7 @@ class PageServer:
             return _response(405, "refused: only GET\n")
         access = self._access.check(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
         if isinstance(access, Denied):
-            return _response(access.status, f"refused: {access.slug}\n")
+            return _response(access.status, _denial(access.slug))
         if connection in _OPEN:
             _OPEN[connection] = True
         place = urlsplit(request.path).path
@@ -542,6 +543,12 @@ class PageServer:
 
 
 RESULTS = {"type": "results"}
+
+
+def _denial(slug: str) -> str:
+    """Text of the page that a browser shows instead: why it is refused, and what to do."""
+    why = explained(slug)
+    return "\n".join((f"refused: {slug}", "", why.means, "", "Look at:", *(f"- {one}" for one in why.look_at), ""))
 
 
 def _description(run: WatchedRun) -> list[str]:

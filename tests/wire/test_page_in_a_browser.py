@@ -442,6 +442,42 @@ def refuse_a_serial_number(browser: Browser) -> None:
     page.close()
 
 
+FOLLOW = """() => {
+  window.connected = () => true; window.say = () => true;
+  const seen = [], running = { valid: 3, suspect: 0, invalid: 1 }, found = (query) => document.querySelector(query);
+  const status = { type: 'bench', bench: 'b', phase: 'running', run: 'r1', matrices: [], outcome: {} };
+  const run = { name: 'r1', specimen: 'A', started: '2026-03-04T05:06:07', ended: 'running', total: 6, ...running };
+  const state = { type: 'state', running: true, campaign: '/x/r1', valid: 5, suspect: 0, invalid: 0 };
+  const row = () => seen.push([by_id('running-text').textContent, parseInt(by_id('running-points').textContent)]);
+  const button = () => seen.push([found('#history button').disabled, Boolean(found('#history progress'))]);
+  take({ type: 'standing', role: 'operator', mine: true, holder: 'Anna' }); take(status);
+  take({ type: 'history', runs: [run] }); row(); take(state); row(); take({ ...state, campaign: '/x/r0' }); row();
+  take({ ...status, phase: 'evaluating' }); take({ ...state, valid: 6, ended: { valid: 6, total: 6 } }); row();
+  take({ type: 'history', runs: [{ ...run, ended: 'finished', report: true, recorded: true }] }); button();
+  take({ ...status, phase: 'idle' }); button(); found('#history button').click(); button();
+  take({ type: 'answer', do: 'make-report', of: 'r1', refused: 'still-analysing', text: 'why' }); button();
+  seen.push([found('#history .poor').textContent.includes('why'), false]);
+  plan = { matrix: 'm.toml', feasible: true };
+  for (const serial of ['K\u00f6 61', 'KR-61']) {
+    by_id('serial').value = serial; by_id('serial').oninput();
+    seen.push([by_id('start').disabled, by_id('serial-hint').textContent !== '']);
+  }
+  return seen; }"""
+
+
+def follow_a_run_in_the_list(browser: Browser) -> None:
+    """Its row has the counts of its state; a report is asked for only when it can be written, and a refusal is told."""
+    page = browser.new_page()
+    page.add_init_script(NO_SERVER)
+    page.route("**", lambda route: route.fulfill(body=document(BENCH), headers=headers(BENCH)))
+    page.goto("http://bench.invalid/")
+    shown = page.evaluate(FOLLOW)
+    assert shown[:4] == [["running", 3], ["running", 5], ["running", 3], ["evaluating", 6]]
+    assert shown[4:9] == [[True, False], [False, False], [True, True], [False, False], [True, False]]
+    assert shown[9:] == [[True, True], [False, False]], "a serial number is refused before the click, with the reason"
+    page.close()
+
+
 @pytest.mark.wire
 @pytest.mark.skipif(CHROMIUM is None and "CI" not in os.environ, reason="no chromium on this machine")
 def test_the_production_view_fits_its_screen_and_answers_scans_with_what_is_true() -> None:
@@ -452,6 +488,7 @@ def test_the_production_view_fits_its_screen_and_answers_scans_with_what_is_true
         fit_every_verdict(browser)
         scan_while_a_report_is_written(browser)
         refuse_a_serial_number(browser)
+        follow_a_run_in_the_list(browser)
         browser.close()
 
 

@@ -30,7 +30,7 @@ function of_a_pause() {
 function points_that_are(verdict) { return Object.entries(results).filter(([, one]) => one.verdict === verdict).map(([id]) => id); }
 
 function opinion() {
-  if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has been closed; this is the final state of the campaign.)");
+  if (state.ended) return of_the_end(state.ended, connected() ? "" : standing.bench ? " (There is no connection to the page; this is the state when the connection was lost.)" : " (The page has been closed; this is the final state of the campaign.)");
   if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig using its own controls."];
   if (opening()) return ["wait", "…", "CONNECTING", ""];
   if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are out of date. Inspect the rig and, if necessary, stop the rig using its own controls." : "There is no connection to the rig. Inspect the rig and, if necessary, stop the rig using its own controls."];
@@ -79,6 +79,7 @@ function of_the_end(ended, note) {
 function judge() {
   const found = opinion(), safe = Boolean(state.ended) && state.ended.rig_state === "safe";
   show_verdict(found);
+  if (state.ended && !evaluating()) write("phase", "");
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); legends(); redraw(); }

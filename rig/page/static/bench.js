@@ -79,7 +79,7 @@ function judge() {
   by_id("resume-last").hidden = !(idle && last && last.resumable && standing.role === "operator");
   if (planning) write("plan-empty", `Planning ${planning} … ${duration((performance.now() - planned_at) / 1000)}`);
   by_id("plan-progress").hidden = !planning;
-  buttons(); line_show();
+  buttons(); show_running(); line_show();
 }
 
 // Control
@@ -93,7 +93,12 @@ function buttons() {
   const before = stopped_before();
   by_id("choice").hidden = !before || busy();
   if (before) by_id("choice-text").textContent = `The last run of this matrix (specimen ${before.specimen}) was ${before.ended}; ${before.left} of ${before.total} points are left. Do you want to resume it?`;
-  set("start", may && plan && plan.feasible && !before && by_id("serial").value.trim());
+  set("start", may && plan && plan.feasible && !before && by_id("serial").value.trim() && !serial_wrong());
+  for (const made of document.querySelectorAll("#history button")) {
+    const needs = made.dataset.kind !== "Resume…", possible = connected() && !busy() && !making && (standing.mine || !needs);
+    made.disabled = !possible;
+    made.title = possible ? made.dataset.title : busy() ? "possible when the run has ended and its report is written" : making ? "a report is being written" : needs && !standing.mine ? "to write a report, type your name and take control" : "no connection";
+  }
   set("resume-now", may && asked && ticks.every((tick) => tick.checked) && (!asked.requalify || by_id("requalified").value.trim()));
   const why = !plan && !asked ? "" : busy() ? "A run is in progress." : !standing.mine ? "To start, type your name and take control." : plan && !asked && !plan.feasible ? "The plan has points outside the limits: correct the matrix file, then choose it again." : before ? "First decide whether to resume the stopped run." : plan && !by_id("serial").value.trim() ? "Enter the serial number of the specimen." : "";
   write("why-not", why);
@@ -170,9 +175,12 @@ function enter_serial(proposed) { // never that of a specimen that was tested be
 function show_serial() { // the plan states what would be started, and the hint what there is of this specimen
   const serial = by_id("serial").value.trim(), before = runs.find((run) => run.specimen === serial && serial);
   const count = runs.filter((run) => run.specimen === serial).length, hint = before ? `${serial} already has ${count === 1 ? "a run" : `${count} runs`} on file; the last one: ${local(before.started)}, ${before.ended}, ${before.valid} of ${before.total} points valid.` : "";
-  write("serial-hint", hint);
+  const wrong = serial_wrong();
+  write("serial-hint", wrong ? `This serial number is not possible. Expected: ${by_id("serial").title}.` : hint);
+  by_id("serial").setAttribute("aria-invalid", String(wrong)); by_id("serial-hint").classList.toggle("poor", wrong);
   const named = document.querySelector("#plan .serial"); if (named) named.textContent = serial || "(no serial number)";
 }
+function serial_wrong() { const text = by_id("serial").value.trim(); return Boolean(text) && !new RegExp(`^(?:${by_id("serial").pattern})$`).test(text); }
 function show_block(block) {
   if (block.kind === "text" && block.text.startsWith(`${plan.serial_number} on `)) {
     const line = element("p"); line.append(element("span", "", "serial"), block.text.slice(plan.serial_number.length)); return line;
@@ -223,26 +231,51 @@ function show_history() {
     const row = element("tr"), good = run.ended === "finished" && run.valid === run.total && ["", "ok"].includes(run.specimen_verdict), acts = element("td", undefined, "acts");
     if (!good && !["running", "imported"].includes(run.ended)) row.className = "bad";
     const text = `${ENDINGS[run.ended] || run.ended}${run.slug ? `: ${run.slug}` : ""}${run.rig_state === "unknown" ? "; RIG STATE UNKNOWN" : ""}${run.resumed ? `; resumed${run.resumed > 1 ? ` ${run.resumed} times` : ""}` : ""}`;
-    const result = element("td"); result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), element("span", text)); for (const more of [run.text, SPECIMEN[run.specimen_verdict] ? `specimen ${SPECIMEN[run.specimen_verdict]}: ${run.specimen_reason}` : ""]) if (more) result.append(element("div", more.length > 160 ? `${more.slice(0, 160)} …` : more, "small"));
-    const points = `${run.valid} of ${run.total} valid${run.suspect ? `, ${run.suspect} suspect` : ""}${run.invalid ? `, ${run.invalid} invalid` : ""}`;
+    const points = element("td", points_of(run)); if (run.ended === "running") points.id = "running-points";
+    const result = element("td"), words = element("span", text); if (run.ended === "running") { words.id = "running-text"; words.dataset.text = text; }
+    result.append(element("span", `${good ? "✓" : run.ended === "running" ? "▶" : "✗"} `, "mark"), words); for (const more of [run.text, SPECIMEN[run.specimen_verdict] ? `specimen ${SPECIMEN[run.specimen_verdict]}: ${run.specimen_reason}` : ""]) if (more) result.append(element("div", more.length > 160 ? `${more.slice(0, 160)} …` : more, "small"));
     if (run.report) { const link = element("a", "Report"); link.href = report_of(run.name); link.target = "_blank"; link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name}`); acts.append(link); }
     if (run.pdf) { const link = element("a", "PDF"); link.href = report_of(run.name, "pdf"); link.rel = "noopener noreferrer"; link.setAttribute("aria-label", `Report of ${run.name} as PDF`); acts.append(link); }
     if (standing.role === "operator") {
-      if (!run.report && run.recorded && run.ended !== "running") acts.append(act("Make report", run, () => say({ do: "make-report", run: run.name })));
-      if (run.report && !run.pdf && run.recorded) acts.append(act("Make PDF", run, () => { answer(`The PDF of ${run.name} is being written.`); say({ do: "make-report", run: run.name, pdf: true }); }));
+      if (!run.report && run.recorded && run.ended !== "running") acts.append(act("Make report", run, () => make_report(run, false)));
+      if (run.report && !run.pdf && run.recorded) acts.append(act("Make PDF", run, () => make_report(run, true)));
       if (run.resumable) acts.append(act("Resume…", run, () => ask_questions(run.name)));
+      const writes = making && making.run === run.name;
+      if (writes) acts.append(element("progress"));
+      const note = writes ? `The ${making.kind} is being written …` : not_made && not_made.run === run.name ? not_made.text : "";
+      if (note) { const told = element("div", note, writes ? "small" : "small poor"); told.setAttribute("role", "status"); acts.append(told); }
     }
     const name = element("td", undefined, "small"), specimen = element("td", `${run.specimen}${run.simulated ? " (simulated)" : ""}`);
     if (run.matrix) specimen.append(element("div", run.matrix, "small"));
     name.append(view_of(run));
     if (run.operator) name.append(element("div", `operator: ${run.operator}`));
-    row.append(element("td", local(run.started)), specimen, result, element("td", points), name, acts);
+    row.append(element("td", local(run.started)), specimen, result, points, name, acts);
     body.append(row);
   }
+  buttons(); show_running();
   if (focused) { const again = body.querySelector(`[data-name="${CSS.escape(focused)}"]`); if (again) again.focus(); }
 }
+let making = null, not_made = null; // a report or PDF that is being written, and why the last one was not: { run, kind } and { run, text }
+function make_report(run, pdf) {
+  not_made = null; making = { run: run.name, kind: pdf ? "PDF" : "report" };
+  if (!say({ do: "make-report", run: run.name, pdf })) report_made({ refused: "not-reached", text: "Not sent: there is no connection to the page." });
+  show_history(); buttons();
+}
+function report_made(message) {
+  if (making && message.refused) not_made = { run: making.run, text: `The ${making.kind} was not written: ${words_of(message)}` };
+  making = null; show_history(); buttons();
+}
+function points_of(run) { return `${run.valid} of ${run.total} valid${run.suspect ? `, ${run.suspect} suspect` : ""}${run.invalid ? `, ${run.invalid} invalid` : ""}`; }
+function show_running() { // the row of the run that is in progress follows its state
+  const run = runs.find((one) => one.ended === "running");
+  if (!run || !by_id("running-text")) return;
+  const own = typeof state.valid === "number" && (state.campaign || "").endsWith(`/${run.name}`), now = own ? { ...run, ...state_counts() } : run;
+  write("running-points", points_of(now));
+  write("running-text", bench.phase === "evaluating" || (own && state.ended) ? by_id("running-text").dataset.text.replace("running", "evaluating") : by_id("running-text").dataset.text);
+}
+function state_counts() { return { valid: state.valid, suspect: state.suspect, invalid: state.invalid }; }
 function view_of(run) { const made = element("a", run.name, "view"); made.title = `Show ${run.name}`; made.href = `${with_token("/run")}&run=${encodeURIComponent(run.name)}`; made.dataset.name = `view ${run.name}`; return made; }
-function act(text, run, press) { const made = push_button(text, `${text} ${run.name}`, press); made.dataset.name = `${text} ${run.name}`; made.setAttribute("aria-label", `${text} ${run.name}`); return made; }
+function act(text, run, press) { const made = push_button(text, `${text} ${run.name}`, press); made.dataset.name = `${text} ${run.name}`; made.dataset.kind = text; made.dataset.title = made.title; made.setAttribute("aria-label", `${text} ${run.name}`); return made; }
 
 function words_of(message) { return message.text || WORDS[message.refused] || message.refused; }
 function answered(message) {
@@ -255,7 +288,10 @@ function answered(message) {
   if (message.do === "begin" && line_answered(message)) { if (message.refused === "not-planned" && plan) ask_again(); return; }
   if ((message.do === "begin" || message.do === "resume") && message.ok) { going = true; answer(""); if (asked) cancel(); return; }
   if (message.do === "begin" && message.refused === "not-planned" && plan) ask_again();
-  answer(message.refused ? words_of(message) : message.do === "make-report" ? `The ${message.pdf ? "PDF" : "report"} of ${message.run} is ready.` : "");
+  if (message.do === "make-report") report_made(message);
+  const at_least = for_a_while(), passing = ["already-running", "still-analysing"].includes(message.refused) ? () => busy() || at_least() : message.refused === "lease-taken" ? at_least : null;
+  if (message.do === "make-report" && message.refused) return; // stated beside the button
+  answer(message.refused ? words_of(message) : message.do === "make-report" ? `The ${message.pdf ? "PDF" : "report"} of ${message.run} is ready.` : "", passing);
 }
 
 by_id("resume-last").onclick = () => ask_questions(runs[0].name);

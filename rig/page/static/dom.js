@@ -12,7 +12,10 @@ function push_button(text, title, press) {
   return button;
 }
 function write(id, text) { if (by_id(id).textContent !== text) by_id(id).textContent = text; } // only changes, which screen readers announce
-function answer(text) { by_id("answer").textContent = text; }
+let answer_holds = null; // as long as it is true the answer is shown; null: until the next one
+function answer(text, holds = null) { by_id("answer").textContent = text; answer_holds = holds; }
+function answer_over() { if (answer_holds && !answer_holds()) answer(""); }
+function for_a_while(s = 15) { const until = performance.now() + 1000 * s; return () => performance.now() < until; }
 function duration(s) {
   if (typeof s !== "number") return "";
   return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` : `${Math.max(0, Math.round(s))} s`;

@@ -59,7 +59,7 @@ function look_after() {
   if (stop_asked && !stop_asked.taken && performance.now() - stop_asked.at > 1000 * STOP_TRIED_S) stop_asked.failed = true;
   if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("The last stop command did not reach the rig. Press STOP again."); }
   if (stop_asked && stop_asked.taken && performance.now() - stop_asked.taken > 1000 * STOP_SEEN_S) stop_asked = null;
-  judge();
+  answer_over(); judge();
   if (!connected()) gauges(); // no frame arrives that would mark them as old
 }
 setInterval(ask_clock, ASK_EVERY_MS);
@@ -68,7 +68,7 @@ window.addEventListener("pageshow", look_after);
 
 // A stop pressed while disconnected is sent on reconnection, within a few seconds; the page shows whether it was accepted.
 function stop() { stop_asked = { at: performance.now(), sent: false, taken: 0, failed: false }; send_stop(); judge(); }
-function send_stop() { if (stop_asked && !stop_asked.taken && !stop_asked.failed) stop_asked.sent = say({ do: "stop" }); }
+function send_stop() { if (stop_asked && !stop_asked.taken && !stop_asked.failed) stop_asked.sent = say({ do: "stop", name: by_id("name").value }); }
 function stop_answered(message) {
   if (message.ok && stop_asked) stop_asked.taken = performance.now();
   if (!message.ok) stop_asked = null;

@@ -289,7 +289,7 @@ function answered(message) {
     answer(pause_wanted); return;
   }
   if (message.do === "words" && message.ok && message.note === by_id("note").value) by_id("note").value = ""; // refused, it stays to be sent again
-  answer(message.refused ? (MESSAGES[message.refused] || message.refused) : message.do === "words" ? "Saved." : "");
+  answer(message.refused ? (MESSAGES[message.refused] || message.refused) : message.do === "words" ? "Saved." : "", message.refused === "lease-taken" ? for_a_while() : null);
 }
 
 for (const button of document.querySelectorAll(".reset")) button.onclick = () => {

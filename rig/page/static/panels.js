@@ -11,12 +11,13 @@ function show_rig() { // whether it is simulated, and its name
   by_id("simulated").hidden = !simulated; by_id("bench-name").textContent = simulated && name === "simulated rig" ? "" : name;
 }
 
+function evaluating() { return Boolean(standing.bench && state.running && state.ended && connected()); }
 function progress() {
   const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run" && !each.stopped).length;
   by_id("point").textContent = one && !state.ended ? `${one.id}: ${describe(one)}` : state.ended ? "ended" : "–";
   // The cycle counter of the controller includes the ramps; the test is the part between them.
   const measured = one ? Math.max(0, Math.min(Math.round(one.measured_cycles ?? one.cycles), Math.round(state.cycles - (one.ramp_in_cycles ?? 0)))) : 0;
-  by_id("phase").textContent = state.ended ? (standing.bench && state.running ? "the results are being evaluated" : "") : `${state.phase || ""}${one && state.cycles ? `, cycle ${measured} of ${Math.round(one.measured_cycles ?? one.cycles)}` : ""}`;
+  by_id("phase").textContent = state.ended ? (evaluating() ? "the results are being evaluated" : "") : `${state.phase || ""}${one && state.cycles ? `, cycle ${measured} of ${Math.round(one.measured_cycles ?? one.cycles)}` : ""}`;
   by_id("left").textContent = state.ended || !state.running || state.stopping || state.kind === "stopping" ? "" : typeof state.time_left_s === "number" ? `${duration(state.time_left_s)} left` : "";
   const share = total ? 100 * Math.min(1, (done + (one && one.cycles && !results[one.id] ? Math.min(1, state.cycles / one.cycles) : 0)) / total) : 0;
   by_id("done").style.width = `${share}%`;

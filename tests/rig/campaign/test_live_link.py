@@ -154,6 +154,7 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     ))  # fmt: skip
     link.display.point_done(stopped)
     assert read_json(link.folder / "results.json")["p003"]["stopped"]
+    assert [read_json(link.folder / "state.json")[name] for name in ("valid", "suspect", "invalid")] == [0, 1, 1]
 
 
 def test_a_current_set_by_hand_is_confirmed_on_the_page_for_this_question_alone(link: LiveLink) -> None:

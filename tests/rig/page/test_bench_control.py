@@ -187,6 +187,7 @@ def test_the_page_is_idle_again_once_the_history_is_read_and_no_earlier(
     seen.append(control.status()["phase"])
     os.close(lock)
     seen.append(control.status()["phase"])
+    assert asked(control, do="make-report", run="x")["refused"] == "still-analysing", "its process has not ended"
     started.lives = False
     seen.append(control.status()["phase"])
     assert seen == ["already-running", "running", "evaluating", "evaluating", "evaluating"]
@@ -458,6 +459,9 @@ def test_a_resumed_run_that_moves_has_neither_the_old_stop_nor_the_old_report(
     assert [control.history.look()[0][key] for key in keys] == ["stopped", "Stop.", True, True, 1]
     (run / "live.json").write_text(json.dumps({"folder": str(running)}))
     assert [control.history.look()[0][key] for key in keys] == ["running", "", False, False, 1]
+    replace_json(running / "state.json", {"valid": 5, "suspect": 0, "invalid": 0})
+    counted = [control.history.look()[0][key] for key in ("valid", "invalid")]
+    assert counted == [5, 0], "of the session that runs, not of the one before"
 
 
 def test_the_verdict_on_the_specimen_is_listed_before_the_report_is_written(

@@ -64,8 +64,12 @@ def test_a_stop_of_anybody_goes_to_station_and_application(desk: Desk, client: C
 def test_a_stop_is_taken_from_others_while_somebody_has_control(desk: Desk) -> None:
     desk.ask(ADA, do="lease", name="Ada")
     desk.sent.clear()
-    assert desk.ask(BOB, do="stop")["ok"] is True
-    assert len(desk.sent) == 2
+    for client, name in ((BOB, " Bob\n"), (BOB, ""), (GUEST, "Ada"), (BOB, "B" * 200), (ADA, "Bob")):
+        assert desk.ask(client, do="stop", name=name)["ok"] is True
+    who = [message["by"] for _, message in desk.sent[::2]]
+    assert (len(desk.sent), max(map(len, who))) == (10, 60 + len(" (without control)"))
+    del who[3]
+    assert who == ["Bob (without control)", "another browser (without control)", "Ada (viewer)", "Ada"]
 
 
 @pytest.mark.parametrize("do", ["start", "pause", "lease", "words", "release"])

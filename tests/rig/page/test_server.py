@@ -172,6 +172,7 @@ def test_strangers_are_refused_over_http_and_websocket(rig: Rig) -> None:
             (own, {"Origin": "http://evil.example"}, 403), (f"/etc/passwd{own[1:]}", {}, 404),
         ):  # fmt: skip
             assert (await asyncio.to_thread(got, access, path, **headers))[0] == status
+        assert b"the complete address that is printed after" in (await asyncio.to_thread(got, access, "/"))[1]
         uri = f"ws://127.0.0.1:{access.port}/ws{own[1:]}"
         for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"}):
             with pytest.raises(InvalidStatus) as refusal:
@@ -219,7 +220,7 @@ def test_everybody_sees_the_samples_and_anybody_may_stop(rig: Rig) -> None:
             assert (await answer(viewer, do="start"))["refused"] == "viewer"
 
     served(rig, do)
-    assert received(rig.station) == {"do": "stop", "by": "viewer"}
+    assert received(rig.station) == {"do": "stop", "by": "another browser (viewer)"}
     assert received(rig.station) is None
     reported = []
     while (message := received(rig.application)) is not None:
@@ -247,7 +248,7 @@ def test_a_browser_that_floods_is_shown_the_door_and_others_still_stop_the_rig(r
             assert (await answer(calm, do="stop"))["ok"] is True
 
     served(rig, do)
-    assert received(rig.station) == {"do": "stop", "by": "operator"}
+    assert received(rig.station) == {"do": "stop", "by": "another browser (without control)"}
     assert received(rig.station) is None
 
 
