@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from rig.cli.tables import number
-from rig.display import SI, Shown
+from rig.display import SI, Display, Shown
 from rig.document.blocks import Block, Blocks, Column, Listing, Note, Paragraph, Row, Table, table
 from rig.document.words import FAIR, PLAIN, POOR
 from rig.files.run_display import run_display
@@ -16,6 +16,7 @@ from rig.fits.fit_record import FitRecord
 from rig.fits.residual_weights import of_physics, residual_line
 from rig.fits.summary import INADEQUATE
 from rig.matrix.methods import FEW_MODELS
+from rig.report.display_text import in_display
 from rig.report.fit import corrections, cross_validation, extrapolated_words, outside, selection
 
 
@@ -40,7 +41,7 @@ def fit_summary(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Blo
 
 def fit_error(fit: FitRecord) -> str:
     """Model and error of a fit, in one line."""
-    force = _force(fit)
+    force = _display(fit).force
     unseen = "" if fit.holdout is None else f", {number(fit.holdout.nrmse_percent_of_peak, 3)} % for validation tests"
     tests = len(fit.error.per_test)
     of = "1 test" if tests == 1 else f"{tests} tests"
@@ -52,10 +53,11 @@ def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Bloc
 
     With `truth` (parameter values of a simulated damper) its column and whether the interval holds it are added.
     """
+    shown = _display(fit)
     equation: Blocks = [Paragraph(fit.equation)] if fit.form else []
     return [
-        *selection(fit), _parameters(fit, truth), *_residual(fit), *equation, *corrections(fit), *_held_out(fit),
-        *cross_validation(fit), *_remarks(fit), *_to_try(fit),
+        *selection(fit, shown), _parameters(fit, truth), *_residual(fit), *equation, *corrections(fit), *_held_out(fit),
+        *cross_validation(fit, shown), *_remarks(fit), *_to_try(fit),
     ]  # fmt: skip
 
 
@@ -75,7 +77,7 @@ def _parameters(fit: FitRecord, truth: Mapping[str, float] | None) -> Table:
             true = truth.get(name)
             row += ["-" if true is None else f"{true:.5g}", {True: "yes", False: "NO", None: "-"}[entry.holds(true)]]
         rows.append(Row(tuple(row), PLAIN if entry.identifiable else FAIR))
-    return table(head, rows, title=f"Fit: {fit.model} by {fit.method}")
+    return table(head, rows, title=f"Fit: {fit.model} by {fit.method} (parameters in SI units)")
 
 
 def _residual(fit: FitRecord) -> list[Block]:
@@ -87,7 +89,7 @@ def _held_out(fit: FitRecord) -> list[Table]:
     """The error of each validation test; empty where there is none."""
     if fit.holdout is None or not fit.holdout.per_test:
         return []
-    force = _force(fit)
+    force = _display(fit).force
     head = [
         Column("test"), Column("error", "% of ampl.", True), Column("RMSE", force.unit, True),
         Column("cycle SD", force.unit, True), Column("outside the fitted data"),
@@ -116,7 +118,8 @@ def _to_try(fit: FitRecord) -> Blocks:
 
 def _remarks(fit: FitRecord) -> Blocks:
     """Errors, what cannot be identified and why, warnings."""
-    force = _force(fit)
+    shown = _display(fit)
+    force = shown.force
     lines: list[Block] = [Paragraph(f"error over {len(fit.error.per_test)} tests: {_measures(fit.error, force)}")]
     if fit.test_set is not None:
         lines.append(Paragraph(f"{fit.test_set.statement}; {len(fit.test_set.motions)} motion(s)"))
@@ -133,8 +136,8 @@ def _remarks(fit: FitRecord) -> Blocks:
         lines.append(_found(cause, place))
         lines.append(Paragraph(f"  next step: {cause.next}"))
     for proposal in fit.next_tests:
-        lines.append(Paragraph(f"next test: {proposal.text}; lines for the matrix file:"))
-        lines.append(Listing(proposal.toml.strip()))
+        lines.append(Paragraph(f"next test: {in_display(proposal.text, shown)}; lines for the matrix file:"))
+        lines.append(Listing(in_display(proposal.toml.strip(), shown)))
     lines += [Note(FAIR, f"warning: {text}") for text in fit.warnings]
     return lines
 
@@ -147,9 +150,9 @@ def _found(cause: Cause, place: int | None = None) -> Note:
     return Note(severity if place in {None, 1} else PLAIN, text)
 
 
-def _force(fit: FitRecord) -> Shown:
-    """How forces are shown in the run to which a fit belongs."""
-    return (SI if fit.path is None else run_display(fit.path.parent)).force
+def _display(fit: FitRecord) -> Display:
+    """How values are shown in the run to which a fit belongs."""
+    return SI if fit.path is None else run_display(fit.path.parent)
 
 
 def _measures(error: ErrorSummary, force: Shown) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.display import Display, Shown
+    from rig.report.views import MotionTerms
 
 MOST_ROWS = 40
 """Rows of one table on a terminal; the report has all."""
@@ -36,29 +37,31 @@ def recorded_tables(run: Path) -> tuple[ForceTable, ...]:
 def show_recorded_tables(run: Path, shown: Console) -> None:
     """Print the tables that were written with a run's report, in its units."""
     from rig.files.run_display import run_display  # loads pydantic
+    from rig.recording.run import Run  # loads numpy
+    from rig.report.cover import terms_of  # loads numpy
 
     if tables := recorded_tables(run):
         shown.print()
-        show(force_blocks(tables, run_display(run)), shown)
+        show(force_blocks(tables, run_display(run), terms_of(Run.open(run))), shown)
         shown.print()
 
 
-def force_blocks(tables: Sequence[ForceTable], shown: Display) -> Blocks:
-    """Each table in the units and with the signs of the display."""
-    return [block for one in tables for block in _blocks(one, shown)]
+def force_blocks(tables: Sequence[ForceTable], shown: Display, terms: MotionTerms) -> Blocks:
+    """Each table in the units and with the signs of the display, its motions in the terms of the report."""
+    return [block for one in tables for block in _blocks(one, shown, terms)]
 
 
-def _blocks(one: ForceTable, shown: Display) -> Blocks:
+def _blocks(one: ForceTable, shown: Display, terms: MotionTerms) -> Blocks:
     what = "constant velocity" if one.kind == CONSTANT_VELOCITY else "peak velocity (PVP)"
-    stroke = [] if one.constant_stroke else [Column("stroke", shown.displacement.unit, True)]
+    stroke = [] if one.constant_stroke else [Column(terms.length_name, shown.displacement.unit, True)]
     force = shown.force.unit
     head = [
         Column("current", "A", True), Column("velocity", shown.speed.unit, True), *stroke,
         Column("compression", force, True), Column("rebound", force, True), Column("peak comp.", force, True),
         Column("peak reb.", force, True), *([Column("tests")] if one.averaged else []),
     ]  # fmt: skip
-    rows = list(_rows(one, shown))
-    size = "" if stroke else f", stroke {shown.displacement.text(2.0 * one.rows[0].amplitude_m)}"
+    rows = list(_rows(one, shown, terms))
+    size = "" if stroke else f", {terms.length(one.rows[0].amplitude_m, shown)}"
     signs = "; compression positive" if shown.positive == "compression" else ""
     title = f"Force at {what}, {one.waveform}{size}{signs}"
     left = len(rows) - MOST_ROWS
@@ -66,14 +69,14 @@ def _blocks(one: ForceTable, shown: Display) -> Blocks:
     return [table(head, rows[:MOST_ROWS], title=title), *more]
 
 
-def _rows(one: ForceTable, shown: Display) -> Iterator[list[str]]:
+def _rows(one: ForceTable, shown: Display, terms: MotionTerms) -> Iterator[list[str]]:
     places = one.places(shown.force.scale)
     for place, current_A in enumerate(one.currents_A):
         for row in one.rows:
             cell = row.cells[place]
             if cell is None:
                 continue
-            stroke = [] if one.constant_stroke else [f"{shown.displacement.value(2.0 * row.amplitude_m):.4g}"]
+            stroke = [] if one.constant_stroke else [f"{shown.displacement.value(terms.length_m(row.amplitude_m)):.4g}"]
             forces = (
                 cell.compression_N, cell.rebound_N, cell.peak_force_compression_N, cell.peak_force_rebound_N,
             )

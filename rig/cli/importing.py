@@ -334,6 +334,7 @@ def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
         # load numba, pyserial and pydantic: not needed for the help
         from rig.cli.display import described
         from rig.cli.force_tables import force_blocks
+        from rig.report.cover import terms_of
 
         shown = console()
         for point in run.points:
@@ -344,7 +345,7 @@ def _show(folder: Path, as_json: bool, compared: Mapping[str, object]) -> int:
                 shown.print(f"  {use}", markup=False, soft_wrap=True)
         if tables:
             shown.print()
-            show(force_blocks(tables, run.display), shown)
+            show(force_blocks(tables, run.display, terms_of(run)), shown)
             shown.print()
         say(shown_path(folder))
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID

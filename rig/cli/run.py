@@ -385,11 +385,14 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
     if result.report is not None:
         from rig.cli.force_tables import force_blocks
         from rig.files.run_display import run_display
+        from rig.recording.run import Run
+        from rig.report.cover import terms_of
 
         tables = result.force_tables
         if tables:
             shown.print()
-            show(force_blocks(tables, run_display(campaign.campaign)), shown)
+            terms = terms_of(Run.open(campaign.campaign))
+            show(force_blocks(tables, run_display(campaign.campaign), terms), shown)
             shown.print()
         if tests := result.response:
             from rig.report.response import response_blocks

@@ -22,9 +22,11 @@ from rig.comparison.readings import (
     Quantity,
     Reading,
     RunReadings,
+    plain,
     readings_of,
 )
 from rig.comparison.words import number_text
+from rig.display import SI, Display, Shown
 from rig.errors import RigError, evaluating
 from rig.files.loader import validated
 from rig.files.toml_source import SIZE_LIMIT_BYTES, parse_toml
@@ -36,7 +38,7 @@ from rig.identification.points.preparation import prepare
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
 from rig.test_point import LOOP
-from rig.units import DIMENSIONS, UnitProblem, parse
+from rig.units import DIMENSIONS, UNITS, UnitProblem, parse
 
 PARAMETER = "parameter"
 USUAL = ("rebound_force", "jounce_force", "energy", "friction_force", "gas_force")
@@ -48,6 +50,8 @@ COVERED, CONFIDENCE = 0.95, 0.95
 """Share of the dampers that a tolerance interval contains, and its confidence."""
 MOST_NAMED = 3
 LONGEST_NAME = 120
+AMPLITUDE_DIGITS = 12
+"""Of a requested amplitude, which a band must state exactly."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +60,6 @@ class Tolerance:
 
     share: float = 0.0
     constant: float = 0.0
-
-    def half_width(self, value: float) -> float:
-        """Half of the width of the band about a value (SI)."""
-        return self.share * abs(value) + self.constant
 
 
 def tolerances_of(texts: Sequence[str]) -> dict[str, Tolerance]:
@@ -132,9 +132,10 @@ class _Bands:
     within: list[str] = field(default_factory=list)
 
     def add(self, key: str, where: str, entries: Sequence[str], readings: Sequence[Reading], names: Sequence[str],
-            tolerance: Tolerance, unit: str) -> None:  # fmt: skip
-        """A band about the mean of the readings of each run."""
-        values = [reading.value for reading in readings]
+            tolerance: Tolerance, shown: Shown) -> None:  # fmt: skip
+        """A band about the mean of the readings of each run, in the unit in which its values are shown."""
+        unit = shown.unit
+        values = [shown.value(reading.value) for reading in readings]
         mean = math.fsum(values) / len(values)
         if tolerance.share and not all(reading.significant for reading in readings):
             example = f"{key}={number_text(max(abs(mean), 1.0), 2)} {unit}"
@@ -143,15 +144,15 @@ class _Bands:
                 f"Fix: specify a tolerance in {unit}, such as --tolerance '{example}'"
             )
             return
-        half = tolerance.half_width(mean)
+        half = tolerance.share * abs(mean) + shown.value(tolerance.constant)
         low, high = mean - half, mean + half
         if key == "jounce_force" and low >= 0.0:
-            self.remarks.append(f"{key} at {where}: no band, because the force ({mean:.3g} N) is not negative")
+            self.remarks.append(f"{key} at {where}: no band, because the force ({mean:.3g} {unit}) is not negative")
             return
         outside = [name for name, value in zip(names, values, strict=True) if not low <= value <= high]
         if outside:
             self.remarks.append(f"{key} at {where}: the band does not contain the value of {', '.join(outside)}")
-        if half < max(reading.expanded for reading in readings):
+        if half < max(shown.value(reading.expanded) for reading in readings):
             self.narrow.append(f"{key} at {where}")
         of_specimen: dict[str, list[float]] = {}
         for specimen, value in zip(self.specimens, values, strict=True):
@@ -159,7 +160,7 @@ class _Bands:
                 of_specimen.setdefault(specimen, []).append(value)
         if len(of_specimen) >= FEWEST_SPECIMENS and half < (interval := _interval([*map(fmean, of_specimen.values())])):
             self.within.append(f"{key} at {where} (+-{half:.3g} {unit}, tolerance interval +-{interval:.3g} {unit})")
-        written = unit if unit != "1" and key != PARAMETER else ""
+        written = unit if key != PARAMETER else ""
         limits = [f"{name} = {_limit(end, written)}" for name, end in (("low", low), ("high", high))]
         self.tables.append("\n".join([f"[[{key}]]", *entries, *limits]))
 
@@ -182,6 +183,8 @@ class MasterBands:
 def make_bands(runs: Sequence[Run], tolerances: Mapping[str, Tolerance], *, fitted: bool = False) -> MasterBands:
     """Acceptance bands about the values that all golden runs have in common.
 
+    The file is in the units of `[display]` of the first run, with forces positive in rebound.
+
     Args:
         runs: golden runs, of one type of damper.
         tolerances: by quantity, of `tolerances_of`.
@@ -195,18 +198,19 @@ def make_bands(runs: Sequence[Run], tolerances: Mapping[str, Tolerance], *, fitt
     names = [run.name for run in read]
     left_out = [f"{run.name}: {line}" for run in read for line in run.left_out]
     made = _Bands([run.specimen for run in read], remarks=left_out)
+    display = runs[0].display
     loops = [quantity for quantity in LOOP_QUANTITIES if quantity.key in tolerances]
     for row in motion_rows(read) if loops else ():
         present = [loop for loop in row.loops if loop is not None]
         if len(present) < len(read):
             lacking = ", ".join(name for name, loop in zip(names, row.loops, strict=True) if loop is None)
-            made.remarks.append(f"{row.motion.label}: no band, because {lacking} does not contain this test")
+            made.remarks.append(f"{row.motion.phrase(display)}: no band, because {lacking} does not contain this test")
             continue
         for quantity in loops:
             readings = [loop.values[quantity.key] for loop in present if quantity.key in loop.values]
             if len(readings) == len(read):
-                made.add(quantity.key, row.motion.label, list(_motion(row.motion)), readings, names,
-                         tolerances[quantity.key], quantity.unit)  # fmt: skip
+                made.add(quantity.key, row.motion.phrase(display), list(_motion(row.motion, display)), readings, names,
+                         tolerances[quantity.key], _written_as(quantity, display))  # fmt: skip
     for single in SINGLE_QUANTITIES:
         if single.key in tolerances:
             _add_single(made, single, read, tolerances[single.key])
@@ -249,7 +253,8 @@ def _add_single(made: _Bands, single: Quantity, read: Sequence[RunReadings], tol
     readings = [run.singles[single.key] for run in read if single.key in run.singles]
     if len(readings) == len(read):
         names = [run.name for run in read]
-        made.add(single.key, "slow triangle", [], readings, names, tolerance, single.unit)
+        made.add(single.key, "slow triangle", [], readings, names, tolerance,
+                 _written_as(single, read[0].run.display))
 
 
 def _add_parameters(made: _Bands, read: Sequence[RunReadings], tolerance: Tolerance) -> None:
@@ -262,7 +267,8 @@ def _add_parameters(made: _Bands, read: Sequence[RunReadings], tolerance: Tolera
         if len(fitted) == len(read):
             entries = [f"name = {json.dumps(name)}", f"unit = {json.dumps(first.unit)}"]
             names = [run.name for run in read]
-            made.add(PARAMETER, name, entries, [one.reading for one in fitted], names, tolerance, first.unit)
+            made.add(PARAMETER, name, entries, [one.reading for one in fitted], names, tolerance,
+                     plain(first.unit))
 
 
 def fitted_readings(run: Run) -> RunReadings:
@@ -290,10 +296,19 @@ def fitted_readings(run: Run) -> RunReadings:
     return replace(readings, left_out=(*readings.left_out, *([poor] if fit.adequate is False else [])))
 
 
-def _motion(motion: Motion) -> Iterator[str]:
+def _written_as(quantity: Quantity, display: Display) -> Shown:
+    """How a bands file states a quantity: in the unit of the display if the file may have it; rebound is positive."""
+    shown = replace(quantity.shown(display), positive="rebound")
+    return shown if shown.unit in UNITS else plain(quantity.unit)
+
+
+def _motion(motion: Motion, display: Display) -> Iterator[str]:
     """The entries that choose a motion."""
     yield f"waveform = {json.dumps(motion.waveform)}"
-    yield f"amplitude_m = {motion.amplitude_m!r}"
+    if display.displacement_unit == SI.displacement_unit:
+        yield f"amplitude_m = {motion.amplitude_m!r}"
+    else:
+        yield f"amplitude = {json.dumps(display.displacement.text(motion.amplitude_m, AMPLITUDE_DIGITS))}"
     yield f"frequency_Hz = {motion.frequency_Hz!r}"
     yield f"current_A = {motion.current_A + 0.0!r}"
 

@@ -96,7 +96,9 @@ def _prediction_error(band: Band) -> str:
     if not band.of_predictions:
         return "Prediction error: unknown"
     known = sorted({0, len(band.current_A) - 1})
-    ends = " to ".join(f"{number(band.half_width_N[at], 3)} N at {number(band.current_A[at], 3)} A" for at in known)
+    ends = " to ".join(
+        f"{number(band.half_width_N[at], 3)} N at {number(round(band.current_A[at], 3), 3)} A" for at in known
+    )
     return f"Prediction error (95 %, within the tested range): {ends}"
 
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 from rig.comparison.acceptance import AcceptanceResult, Result, State
 from rig.comparison.specimen import SpecimenResult
-from rig.comparison.words import SEVERITIES, SPECIMEN
+from rig.comparison.words import SEVERITIES, SPECIMEN, result_text
 from rig.display import Display
-from rig.document.blocks import Blocks, Column, Fact, Head, Note, section, table
+from rig.document.blocks import Blocks, Column, Fact, Head, Items, Note, Paragraph, section, table
 from rig.document.numbers import PLUS_MINUS, known_digits, number
 from rig.document.words import Label, Words
 from rig.recording.tested_specimens import SpecimenVerdict
 
 EXPANDED = f"{PLUS_MINUS} (95 %)"
+MOST_LISTED = 5
+"""Values beside the deciding one on the first page."""
 DECISIONS = {"simple": "The uncertainty does not affect the result."} | dict.fromkeys(
     ("guarded", "guarded-acceptance"),
     "A value passes only if the margin is at least its expanded uncertainty (ISO 14253-1, guarded acceptance).",
@@ -49,6 +52,21 @@ def specimen_note(specimen: SpecimenResult) -> Note:
     name = f"Specimen {specimen.serial_number}" if specimen.serial_number else "Specimen"
     nearest = "smallest margin: " if specimen.verdict == SpecimenVerdict.OK else ""
     return Note(severity, f"{name}: {title}; {nearest}{specimen.reason}")
+
+
+def others_not_passed(specimen: SpecimenResult, display: Display) -> Blocks:
+    """The values that did not pass besides the one that decides, the worst first; of more than a few their number."""
+    acceptance, deciding = specimen.acceptance, specimen.deciding
+    others = [] if acceptance is None else [result for result in acceptance.not_passed if result is not deciding]
+    if not others:
+        return []
+    others.sort(key=lambda result: (result.state != State.FAILED, _or_last(result.margin_percent)))
+    lines = [result_text(result, display) for result in others[:MOST_LISTED]]
+    rest = Counter(result.title for result in others[MOST_LISTED:])
+    if rest:
+        counts = ", ".join(f"{title} {count}" for title, count in rest.items())
+        lines.append(f"and {rest.total()} more ({counts}); the full report lists every value")
+    return [Paragraph(f"Further values that did not pass: {len(others)}", small=True), Items(tuple(lines))]
 
 
 def bands_section(acceptance: AcceptanceResult, display: Display, *, several: bool) -> Blocks:

@@ -37,11 +37,12 @@ from rig.document.numbers import NOTHING, known_digits, number, with_uncertainty
 from rig.document.style import current_colour
 from rig.document.words import FAIR, GOOD, POOR, Key, Strong, Words
 from rig.report.acceptance import EXPANDED, bands_section
-from rig.report.cover import mark_of, started
+from rig.report.cover import Details, line_of, mark_of, started
 from rig.report.document import views_of
 from rig.report.loops import displacement_axis, displacement_of, force_axis, velocity_axis, velocity_of
 from rig.report.views import Loop
 
+TITLE = "Comparison of damper tests"
 MOST_DRAWN = 24
 
 
@@ -55,7 +56,7 @@ def comparison_document(compared: Comparison) -> Document:
     names = [_label(compared, index) for index in range(len(compared.runs))]
     lines = tuple(_about(compared, index) for index in range(len(compared.runs)))
     blocks: Blocks = [
-        Cover("Comparison of damper tests", lines), Contents(paper=False), _facts(compared),
+        _cover(compared, lines), Contents(paper=False), _facts(compared),
         *(Note(FAIR, remark) for remark in compared.remarks),
     ]  # fmt: skip
     if compared.judgement is not None:
@@ -63,7 +64,20 @@ def comparison_document(compared: Comparison) -> Document:
     blocks += [*_peak_velocity(compared, names), *_loops(compared, names)]
     blocks += [*_changes(compared, names), *_parameters(compared, names)]
     mark = mark_of(run.run for run in compared.runs)
-    return Document("Comparison of damper tests", with_contents(blocks), mark, compared.display.paper)
+    return Document(TITLE, with_contents(blocks), mark, compared.display.paper)
+
+
+def _cover(compared: Comparison, lines: Sequence[Words]) -> Cover:
+    """The comparison's head: what `[report]` of all runs states alike, then a line for each run."""
+    own = [Details.of(run.run) for run in compared.runs]
+    customer, order, laboratory, title = (
+        value if (value := getattr(own[0].table, key)) and all(getattr(one.table, key) == value for one in own) else ""
+        for key in ("customer", "order_number", "laboratory", "title")
+    )
+    people = line_of((("Customer", customer), ("Order", order), ("Laboratory", laboratory)))
+    logo = own[0].logo if all(one.logo == own[0].logo for one in own) else None
+    head: list[Words] = [TITLE] if title else []
+    return Cover(title or TITLE, (*head, *([people] if people else []), *lines), logo)
 
 
 def _about(compared: Comparison, index: int) -> Words:

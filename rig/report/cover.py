@@ -27,7 +27,7 @@ from rig.matrix.sections import Specimen
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run, read_words
 from rig.recording.tested_on import TESTED, when_tested
-from rig.report.views import AS_AMPLITUDE, MotionTerms
+from rig.report.views import AS_AMPLITUDE, AS_MEASURED, MotionTerms
 from rig.signals.test_set import TESTED_SHARE
 from rig.text_file import read_bytes
 
@@ -129,11 +129,12 @@ def cover(run: Run, details: Details) -> Cover:
         ("Operator", details.operator), ("Bench", bench_of(run)),
     )  # fmt: skip
     title = table.title or f"Damper test report{f': {specimen}' if specimen else ''}"
-    lines = [_line(people), _line(made), _line((("Run", run.name),))]
+    lines = [line_of(people), line_of(made), line_of((("Run", run.name),))]
     return Cover(title, tuple(line for line in lines if line), details.logo)
 
 
-def _line(pairs: Iterable[tuple[str, str | None]]) -> Words:
+def line_of(pairs: Iterable[tuple[str, str | None]]) -> Words:
+    """Names and values in a line; what has no value is left out."""
     return joined([(f"{name}{SPACE}", Strong(value)) for name, value in pairs if value], SEPARATOR)
 
 
@@ -245,6 +246,11 @@ def matrix_tables(run: Run) -> Mapping[str, object]:
         return read_toml(file).data
     except FileProblem:
         return {}
+
+
+def terms_of(run: Run) -> MotionTerms:
+    """The terms in which a run's motions are described: those of its matrix, of imported tests as measured."""
+    return AS_MEASURED if _imported(run) else MotionTerms.of(matrix_tables(run))
 
 
 def _own_table(run: Run, written: object) -> tuple[ReportTable, Picture | None, list[str]]:

@@ -50,10 +50,10 @@ from rig.recording.run import Run, planned_points
 from rig.recording.tested_on import TESTED
 from rig.report import fit as fit_sections
 from rig.report import loops, standard
-from rig.report.acceptance import acceptance_section, specimen_fact, specimen_note
+from rig.report.acceptance import acceptance_section, others_not_passed, specimen_fact, specimen_note
 from rig.report.budget import budget
 from rig.report.cover import Details as CoverDetails
-from rig.report.cover import conditions, cover, mark_of, matrix_tables
+from rig.report.cover import conditions, cover, mark_of, terms_of
 from rig.report.endurance import endurance_facts, endurance_section
 from rig.report.events import events
 from rig.report.hybrid import hybrid_section
@@ -125,7 +125,7 @@ class Material:
         views, remark = views_of(run, fit)
         measured = {view.point.id: view.measured for view in views if view.measured is not None}
         characteristics = characterise(run, measured)
-        terms = MotionTerms.of(matrix_tables(run))
+        terms = terms_of(run)
         recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
         return cls(
             run, fit, completed_views(views, characteristics.loops, display, terms), remark, characteristics,
@@ -192,7 +192,7 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
     return (
         Sheet((
             cover(run, details), Contents(paper=False), *doubts_of(run.points), *unfinished(run, of.log or ()),
-            *warnings(run), facts_of(of), *([] if of.specimen is None else [specimen_note(of.specimen)]),
+            *warnings(run), facts_of(of), *_specimen(of),
             *peak_forces(of.characteristics.force_tables, of.display, of.terms, gas_force), *heading, *first,
         )),
         Sheet((
@@ -201,6 +201,11 @@ def _sheets(of: Material, measured: Overlays) -> tuple[Sheet, Sheet]:
                         terms=of.terms, gas_force=gas_force),
         )),
     )  # fmt: skip
+
+
+def _specimen(of: Material) -> Blocks:
+    """The verdict on the specimen and the values that decide it; empty without acceptance bands."""
+    return [] if of.specimen is None else [specimen_note(of.specimen), *others_not_passed(of.specimen, of.display)]
 
 
 def _again(keys: Sequence[Block]) -> Blocks:
@@ -215,7 +220,6 @@ def model_section(of: Material) -> Blocks:
         return [Heading("Model"), Paragraph("This run has no fit, so the report shows only measurements.")]
     return [
         Heading("Model"), Facts(tuple(_errors(fit, of.display))),
-        *([] if of.display.usual else [Paragraph("Parameters are in SI units, positive in rebound.", small=True)]),
         *fit_warnings(fit),
         *([Note(FAIR, of.remark)] if of.remark else []), *fit_sections.parameters(fit, of.display),
         *loops.model_overview(of.views),

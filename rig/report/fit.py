@@ -100,7 +100,8 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
             reason = entry.reason or "not determined by the data"
             unknown.append([name, number(entry.value, 5), entry.unit, meaning, reason])
     head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
-    parts: Blocks = [Heading("Fitted parameters", 3), *_equation(fit, display), *corrections(fit)]
+    title = "Fitted parameters" + ("" if display.usual else " (SI units, positive in rebound)")
+    parts: Blocks = [Heading(title, 3), *_equation(fit, display), *corrections(fit)]
     parts.append(table(head, known, (1, 2)))
     if residual := residual_line(fit.parameters):
         parts.append(Paragraph(residual))
@@ -109,7 +110,8 @@ def parameters(fit: FitRecord, display: Display = SI) -> Blocks:
         rows = [Row(tuple(cells), faded=True) for cells in unknown]
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Reason"], rows, (1,)))
     parts += [
-        *_diagnosis(fit), *_next_tests(fit, display), *_profiles(fit), *selection(fit), *cross_validation(fit, display),
+        *_diagnosis(fit), *_next_tests(fit, display), *_profiles(fit), *selection(fit, display),
+        *cross_validation(fit, display),
     ]
     return parts + [Paragraph(note, small=True) for note in fit.notes]
 
@@ -335,7 +337,7 @@ EXPLAINED = {
 }
 
 
-def selection(fit: FitRecord) -> Blocks:
+def selection(fit: FitRecord, display: Display = SI) -> Blocks:
     """The models compared, best first, and why one was given up; empty for a single model."""
     scores = fit.selection
     if len(scores) < 2:
@@ -345,8 +347,8 @@ def selection(fit: FitRecord) -> Blocks:
     also_within = bool(beyond) and some
     rows, notes = [], [score.reason for score in scores if score.reason]
     for score in scores:
-        values = (*_validation_errors(score, also_within=also_within), score.rmse_N)
-        cells = (score.model, *(number(value, 3) for value in values), str(score.parameters), number(score.bic, 6))
+        errors = (number(value, 3) for value in _validation_errors(score, also_within=also_within))
+        cells = (score.model, *errors, _force(score.rmse_N, display.force), str(score.parameters), number(score.bic, 6))
         rows.append(Row(cells, FAIR if score.reason else PLAIN))
     for one in fit.references:
         errors = (number(value, 3) for value in _validation_errors(one, also_within=also_within))
@@ -356,8 +358,8 @@ def selection(fit: FitRecord) -> Blocks:
         notes.append(f"{name}: {'; '.join(text for text in (EXPLAINED.get(one.name, ''), reason) if text)}")
     head = [
         Column("Model"), Column("Validation error" + ("" if some or not beyond else " (extrapolated)"), "%", True),
-        *([Column("Excluding extrapolated tests", "%", True)] if also_within else []), Column("RMS error", "N", True),
-        Column("Parameters", "", True), Column("BIC", "", True),
+        *([Column("Excluding extrapolated tests", "%", True)] if also_within else []),
+        Column("RMS error", display.force.unit, True), Column("Parameters", "", True), Column("BIC", "", True),
     ]  # fmt: skip
     if beyond:
         notes.insert(0, f"Validation tests outside the fitted data (extrapolated): {_outside_words(beyond)}.")

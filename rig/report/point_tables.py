@@ -15,7 +15,7 @@ from rig.comparison.readings import QUANTITIES, calibration_percent
 from rig.display import SI, Display, Shown
 from rig.document import blocks
 from rig.document.blocks import Blocks, Details, Items, Paragraph, section
-from rig.document.numbers import CONFIDENCE, NOTHING, PLUS_MINUS, known_digits, number, with_uncertainty
+from rig.document.numbers import CONFIDENCE, NOTHING, PLUS_MINUS, known_digits, number, signed, with_uncertainty
 from rig.document.words import Code, Strong, Words, plain, verdict
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.quality.point_quality import CurrentQuality, SensorQuality
@@ -25,6 +25,8 @@ from rig.report.peak_forces import peak_force_std_N
 from rig.report.views import PointView, motion_of
 
 TEMPERATURE_STEP_K = 0.1
+MEAN_STEP_M = 1e-6
+"""Smaller differences of the mean position are noise of any displacement sensor."""
 FEW_CYCLES = 3
 """Up to so many, the standard uncertainty of their mean is itself uncertain by a factor of two."""
 """The ECU reports its coil's temperature in such steps."""
@@ -192,6 +194,11 @@ def _amplitude(view: PointView) -> str:
     return with_uncertainty(display.value(motion.amplitude_m), display.value(motion.amplitude_std_m or 0.0))
 
 
+def _mean(view: PointView) -> str:
+    mean_m = view.point.quality.motion.mean_m
+    return NOTHING if mean_m is None else signed(view.display.displacement.fixed(mean_m, MEAN_STEP_M))
+
+
 def _amplitude_error_percent(point: RecordedPoint) -> float | None:
     measured_m = point.quality.motion.amplitude_m
     if measured_m is None or not point.motion_requested or point.amplitude_m == 0.0:
@@ -215,7 +222,7 @@ ACHIEVED = (
     Column("Measured", "", _amplitude, shown="displacement"),
     quantity("Amplitude error", "%", _amplitude_error_percent, digits=2),
     quantity("Command correction", "%", _correction_percent, digits=2),
-    quantity("Mean", "", lambda point: point.quality.motion.mean_m, digits=3, shown="displacement"),
+    Column("Mean", "", _mean, shown="displacement"),
     quantity("Frequency requested", "Hz", lambda point: (
         _requested(point, point.frequency_Hz) if point.has_frequency and not point.at_rest else None)),
     quantity("Measured", "Hz", lambda point: point.quality.motion.frequency_Hz),

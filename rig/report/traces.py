@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.document.blocks import Blocks, Card, Cards, Figures, Keys, section
 from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.numbers import number
 from rig.document.style import FITTED, MEASURED
 from rig.document.words import Key, Strong
 from rig.errors import RigError
@@ -26,7 +27,7 @@ def time_traces(views: Sequence[PointView]) -> Blocks:
     """The fastest test of each current (of at most six, spread evenly); nothing where none can be drawn."""
     cards = []
     for view in chosen(views):
-        title = (Strong(view.point.id), f" {motion_of(view)}, {view.point.current_A:g} A")
+        title = (Strong(view.point.id), f" {motion_of(view)}, {number(view.level_A, 3)} A")
         cards.append(Card(title, (Figures(tuple(trace_figures(view).values())),)))
     if not cards:
         return []

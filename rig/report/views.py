@@ -9,20 +9,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
-from rig.display import SI, Display
+from rig.display import SI, Display, Shown
 from rig.document.figure import thinned
+from rig.document.numbers import number
 from rig.errors import RigError, evaluating
 from rig.fits.entries import TestError
 from rig.identification.application.law import Law
 from rig.identification.models.coil import with_lag
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, closed_cycle
 from rig.identification.points.preparation import prepare
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.peak_force import PeakForce
 from rig.signals.waveform import WAVEFORMS
-from rig.test_point import HYBRID, RESPONSE, rate_text
+from rig.test_point import HYBRID, RESPONSE, peak_speed_m_s, rate_text
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
 """Samples at most: a record has many reversals, which fewer samples would cut off."""
@@ -44,10 +45,14 @@ class Loop:
 
 @dataclass(frozen=True)
 class MotionTerms:
-    """The terms in which the matrix states cyclic motions: stroke for amplitude, peak speed for frequency."""
+    """The terms in which the matrix states cyclic motions: stroke for amplitude, peak speed for frequency.
+
+    Motions that are `measured`, not requested, have three digits, and their frequency as well as their peak speed.
+    """
 
     stroke: bool = False
     speed: bool = False
+    measured: bool = False
 
     @classmethod
     def of(cls, matrix: Mapping[str, object]) -> MotionTerms:
@@ -69,7 +74,8 @@ class MotionTerms:
 
     def length(self, amplitude_m: float, display: Display) -> str:
         """Amplitude or stroke with its word."""
-        return f"{self.length_name} {display.displacement.text(self.length_m(amplitude_m))}"
+        shown, length_m = display.displacement, self.length_m(amplitude_m)
+        return f"{self.length_name} {_three_digits(shown, length_m) if self.measured else shown.text(length_m)}"
 
     @property
     def length_name(self) -> str:
@@ -81,7 +87,10 @@ class MotionTerms:
         return 2.0 * amplitude_m if self.stroke else amplitude_m
 
     def rate(self, waveform: str, amplitude_m: float, frequency_Hz: float, display: Display) -> str:
-        """Peak speed or frequency."""
+        """Peak speed or frequency; of what was measured both."""
+        if self.measured:
+            speed = f", {_three_digits(display.speed, peak_speed_m_s(waveform, amplitude_m, frequency_Hz))}"
+            return f"{number(frequency_Hz, 3)} Hz{speed if waveform in WAVEFORMS else ''}"
         return rate_text(waveform, amplitude_m, frequency_Hz, display, by_speed=self.speed)
 
     def by_speed(self, waveform: str) -> bool:
@@ -91,6 +100,13 @@ class MotionTerms:
 
 AS_AMPLITUDE = MotionTerms()
 """Amplitude and frequency."""
+AS_MEASURED = MotionTerms(measured=True)
+"""Of imported tests."""
+
+
+def _three_digits(shown: Shown, si: float) -> str:
+    """A measured magnitude (SI) with its unit."""
+    return f"{number(shown.value(si), 3)} {shown.unit}"
 
 
 @dataclass(frozen=True)
@@ -193,17 +209,14 @@ def view_of(
 
 
 def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
-    count = len(measured.u_m)
-    per_cycle = min(measured.samples_per_cycle or count, count)
-    start = (count // per_cycle - 1) // 2 * per_cycle
-    cyclic = measured.samples_per_cycle > 0
-    places = thinned(per_cycle + 1, DRAWN_OF_CYCLE) if cyclic else thinned(count, DRAWN_OF_RECORD)
-    chosen = np.where(start + places < count, start + places, start)  # the only cycle closes with its first sample
+    cyclic, closed = measured.samples_per_cycle > 0, closed_cycle(measured)
+    places = thinned(closed.size, DRAWN_OF_CYCLE if cyclic else DRAWN_OF_RECORD)
+    chosen = closed[places]
     force = np.where(measured.scored, measured.force_N, np.nan)
     if fitted_N is not None and not cyclic:  # a record's ends are driven, and not judged
         fitted_N = np.where(measured.scored, fitted_N, np.nan)
     return Loop(
-        phase=places / per_cycle, displacement_mm=1e3 * measured.u_m[chosen],
+        phase=places / (closed.size - 1), displacement_mm=1e3 * measured.u_m[chosen],
         velocity_m_s=measured.v_m_s[chosen], force_N=force[chosen],
         fitted_N=None if fitted_N is None else fitted_N[chosen],
     )

@@ -280,6 +280,14 @@ def test_predict_takes_tables_arrays_and_keywords_of_the_same_motion(fit: rig.Fi
         assert predicted()["force_N"].tolist() == pytest.approx(wanted)
     at_point = fit.predict(run[3])
     assert np.sqrt(np.mean((at_point["force_N"].to_numpy() - run[3].force_N) ** 2)) < 6.0
+    gaps = run[3].current_measured_A.copy()
+    gaps[:2], gaps[-40:] = np.nan, np.nan  # the current's samples begin later and end earlier than the motion's
+    recorded = rig.RecordedPoint.from_arrays(
+        id="p", time_s=run[3].time_s, displacement_m=run[3].displacement_m, force_N=run[3].force_N,
+        velocity_m_s=run[3].velocity_m_s, current_measured_A=gaps, current_A=2.0, waveform="sine", amplitude_m=0.02,
+        frequency_Hz=2.0,
+    )
+    assert fit.predict(recorded)["force_N"].tolist() == pytest.approx(at_point["force_N"].tolist(), abs=1e-6)
     for wrong, says in (
         (fit.predict, "`displacement_m`: missing"), (lambda: fit.predict(np.zeros((2, 2))), r"shape \(n, 3\)"),
         (lambda: fit.predict(table, current_A=1.0), "expected only one of these"), (lambda: fit.predict("x"), "shape"),
@@ -320,6 +328,8 @@ def test_plots_are_drawn_on_the_axes_that_are_given_or_on_new_ones(run: rig.Run,
     loops = fit.plot_loops(over="displacement")
     assert loops.get_xlabel().endswith("(mm)")
     assert len(loops.lines) == 2 * len(run)
+    ends = np.array([line.get_xydata()[[0, -1]] for line in loops.lines])  # type: ignore[index]
+    assert np.array_equal(ends[:, 0], ends[:, 1])  # the loops are closed
     assert len(fit.plot_loops(tests=run[:1]).lines) == 2
     assert fit.plot_residuals(tests=run).get_ylabel().endswith("(N)")
     assert run[0].plot_time("current").get_ylabel() == "Coil current (A)"

@@ -12,7 +12,7 @@ from rig.document.style import current_colour
 from rig.errors import IdentificationFailed
 from rig.identification.application.law import Law
 from rig.identification.application.residuals import NO_TESTS, residual_table
-from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.measurement import Measurement, closed_cycle
 from rig.recording.views import current_name
 from rig.signals.test_set import current_levels
 
@@ -39,11 +39,12 @@ def loops(law: Law, tests: Sequence[Measurement], *, by_current: bool = False) -
         raise IdentificationFailed(f"no loops to draw: {NO_TESTS}")
     levels = current_levels([test.current for test in tests])
     over_u, over_v = list[Trace](), list[Trace]()
-    for number, test in enumerate(map(first_cycle, tests)):
+    for number, test in enumerate(tests):
         colour, named = current_colour(levels.of_test[number] or 0, len(levels)), current_name(levels.name_A(number))
         name = named if by_current else f"{test.id}, {named}"
-        measured, force_N = np.where(test.scored, test.force_N, np.nan), law.force_of(test)
-        for traces, along in ((over_u, 1e3 * test.u_m), (over_v, test.v_m_s)):
+        closed = closed_cycle(test)
+        measured, force_N = np.where(test.scored, test.force_N, np.nan)[closed], law.force_of(test)[closed]
+        for traces, along in ((over_u, 1e3 * test.u_m[closed]), (over_v, test.v_m_s[closed])):
             traces += [Trace(along, measured, name=name, colour=colour), Trace(along, force_N, Style.OVERLAID)]
     force, legend = Axis("Force", "N"), len(tests) <= MOST_NAMED
     return Plot(Panels((

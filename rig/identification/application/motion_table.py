@@ -142,10 +142,14 @@ def _both(columns: Mapping[str, object]) -> str:
 
 
 def _table_of_point(point: RecordedPoint) -> tuple[Table, float]:
-    """The channels of a point, the current that it was run at where none was measured, and its mid-stroke (m)."""
+    """The channels of a point with the current that a fit takes of it, where it moved, and its mid-stroke (m).
+
+    The current has no gaps: at the ends of a recording the samples of its source may begin later or end earlier.
+    """
+    from rig.identification.points.channels import current_at  # reads recordings
+
     table = point.to_pandas()
-    if "current" not in table or not np.isfinite(table["current"]).any():
-        table["current"] = table.get("commanded_current", point.current_A)
+    table["current"], _ = current_at(point, point.time_s, [])
     middle_m = float(np.nanmean(point.displacement_m)) if point.mid_stroke_m is None else point.mid_stroke_m
     return table, middle_m
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
+from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rig.identification.remarks import Remark
 from rig.signals.test_set import CurrentReading, MotionReading, TestSet, read_current
 
@@ -298,6 +298,21 @@ def set_of(tests: Sequence[Measurement]) -> TestSet:
 def all_but(tests: Sequence[Measurement], numbers: Sequence[int]) -> list[Measurement]:
     """The tests without those with these indices."""
     return [test for number, test in enumerate(tests) if number not in numbers]
+
+
+def closed_cycle(test: Measurement) -> IntArray:
+    """Indices (k,) of the samples that draw one cycle from the middle of a measurement: it ends where it begins.
+
+    The last is the first sample of the next cycle, of the only cycle its own first; all samples where none repeat.
+    """
+    count, per_cycle = test.u_m.size, test.samples_per_cycle
+    if per_cycle <= 0:
+        return np.arange(count)
+    if count < 2 * per_cycle:
+        return np.append(np.arange(min(count, per_cycle + 1)), 0)  # a thinned cycle can have a sample more
+    start = (count // per_cycle - 1) // 2 * per_cycle
+    places = np.arange(start, start + per_cycle + 1)
+    return np.where(places < count, places, start)
 
 
 def first_cycle(test: Measurement) -> Measurement:

@@ -26,6 +26,7 @@ from rig.fits.entries import ErrorSummary, Estimate, Evaluation, ModelScore, Sol
 from rig.fits.fit_record import FitRecord
 from rig.matrix.model import load_matrix
 from rig.matrix.plan import plan
+from rig.report.views import AS_MEASURED, MotionTerms
 from rig.test_point import ENDURANCE, EnduranceStep, TestPoint
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -222,18 +223,21 @@ def test_force_tables_have_a_row_for_each_current_and_velocity_in_the_units_of_t
     rows = (ForceRow(0.254, 0.0254, 1.5915, (cell, None)), ForceRow(0.508, 0.0508, 1.5915, (None, cell)))
     console, text = terminal(is_terminal=False)
     us = Display.of({"force": "lbf", "displacement": "in", "speed": "in/s", "positive": "compression"})
-    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), rows)], us), console)
+    strokes = MotionTerms(stroke=True)
+    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), rows)], us, strokes), console)
     title, _head, *shown_rows = text.getvalue().splitlines()
     assert title == "Force at peak velocity (PVP), sine; compression positive"
     assert [row.split() for row in shown_rows] == [
         ["0", "10", "2", "200.0", "-100.0", "-", "-101.2"], ["1.5", "20", "4", "200.0", "-100.0", "-", "-101.2"],
     ]  # fmt: skip
-    show(force_blocks([ForceTable("constant velocity", "triangle", (0.0, 1.5), rows[:1])], Display()), console)
+    show(force_blocks([ForceTable("constant velocity", "triangle", (0.0, 1.5), rows[:1])], Display(), strokes), console)
     assert "Force at constant velocity, triangle, stroke 50.8 mm" in text.getvalue()
+    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), rows[:1])], us, AS_MEASURED), console)
+    assert "Force at peak velocity (PVP), sine, amplitude 1 in; " in text.getvalue()
     assert "-889.6" in text.getvalue()
     assert "mean of" not in text.getvalue()
     several = (replace(rows[0], cells=(replace(cell, points=("p001", "p002", "p003")), None)), rows[1])
-    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), several)], us), console)
+    show(force_blocks([ForceTable("peak velocity", "sine", (0.0, 1.5), several)], us, strokes), console)
     shown_rows = text.getvalue().splitlines()[-2:]
     assert [row.split()[7:] for row in shown_rows] == [["mean", "of", "3"], ["1"]]
 

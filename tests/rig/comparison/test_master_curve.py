@@ -36,6 +36,22 @@ def test_bands_lie_about_the_mean_of_the_golden_runs(made_run: Make, tmp_path: P
         assert (band.waveform, band.amplitude_m, band.frequency_Hz, band.current_A) == ("sine", 0.02, 1.0, 0.5)
 
 
+def test_a_bands_file_is_in_the_units_of_the_runs_display(made_run: Make, tmp_path: Path) -> None:
+    folder, tolerances = made_run("a"), tolerances_of(["5 %", "damping=5 %"])
+    (folder / "matrix.toml").write_text('[display]\nforce = "lbf"\ndisplacement = "in"\nspeed = "in/s"\n')
+    shown, usual = make_bands([Run.open(folder)], tolerances), make_bands([Run.open(made_run("b"))], tolerances)
+    bands = []
+    for made in (shown, usual):
+        (tmp_path / "bands.toml").write_text(made.text)
+        bands.append(load_bands(tmp_path / "bands.toml"))
+    for key in ("rebound_force", "jounce_force", "energy", "damping"):
+        one, other = (getattr(of, key)[0] for of in bands)
+        assert (one.low, one.high) == pytest.approx((other.low, other.high), rel=1e-4)
+        assert one.amplitude_m == pytest.approx(0.02, rel=1e-11)
+    assert shown.text.count(" lbf\"") == 4
+    assert " lbf s/in" in shown.text
+
+
 def test_what_gets_no_band_is_stated(made_run: Make, made_point: Make) -> None:
     first, second = made_run("a"), made_run("b")
     made_point(first, "p002", 1000.0, frequency_Hz=2.0)
