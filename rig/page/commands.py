@@ -122,7 +122,7 @@ class Commands:
         if self._lease.held_by(client.key):
             return self.called(client)
         other = "viewer" if client.role is Role.VIEWER else "without control"
-        return f"{name} ({other})" if name else f"another browser ({other})"
+        return f"{name} ({other})" if name else f"a browser ({other})"
 
     def _stop(self, client: Client, name: str) -> dict[str, Any]:
         """To both, in the order of who acts first; one that does not take it does not matter to the other."""

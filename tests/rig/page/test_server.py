@@ -220,7 +220,7 @@ def test_everybody_sees_the_samples_and_anybody_may_stop(rig: Rig) -> None:
             assert (await answer(viewer, do="start"))["refused"] == "viewer"
 
     served(rig, do)
-    assert received(rig.station) == {"do": "stop", "by": "another browser (viewer)"}
+    assert received(rig.station) == {"do": "stop", "by": "a browser (viewer)"}
     assert received(rig.station) is None
     reported = []
     while (message := received(rig.application)) is not None:
@@ -248,7 +248,7 @@ def test_a_browser_that_floods_is_shown_the_door_and_others_still_stop_the_rig(r
             assert (await answer(calm, do="stop"))["ok"] is True
 
     served(rig, do)
-    assert received(rig.station) == {"do": "stop", "by": "another browser (without control)"}
+    assert received(rig.station) == {"do": "stop", "by": "a browser (without control)"}
     assert received(rig.station) is None
 
 
