@@ -130,6 +130,8 @@ MESSAGES = {
     "station-late": "this computer was busy: monitoring paused for {late_ms:.0f} ms (pause {count}); queued samples "
     "are flagged",
     "points-files": "point files: {error}; `rig recover` completes the files",
+    "verdict-changed": "{point}: {before} by itself, {after} with all points combined: {why}",
+    "no-doubt": "no doubt is left",
     "own-skews": "the points keep their individual sensor delays: {why}",
     "recorder-left": "recorder: {error}; `rig recover` completes the files",
     "dropped": "the motion was out of tolerance; the record is kept as {kept} and the point is repeated",

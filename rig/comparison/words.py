@@ -39,7 +39,7 @@ def result_text(result: Result, display: Display, *, several: bool = False) -> s
         text += f", margin {margin_text(result, display)}"
         if math.isfinite(result.expanded):
             expanded = with_unit(number_text(shown.value(result.expanded), 2), shown.unit)
-            text += f", uncertainty {PLUS_MINUS}{expanded}"
+            text += f", uncertainty {PLUS_MINUS}{expanded} (k = 2)"
         text += f"; {result.why}" if result.why else ""
     return text + (f" [{result.note}]" if result.note else "")
 

@@ -23,17 +23,20 @@ from rig.identification.points.response_steps import COMMAND, Curve, ResponseTes
 from rig.signals.arrays import FloatArray
 from rig.signals.step_response.result import LEVEL_NAMES, LEVELS, State, TimeResult
 
+PLUS_MINUS_IS = "\N{PLUS-MINUS SIGN}: standard uncertainty (k = 1)."
 NOTE = (
     "The current is stepped while the rod moves at constant velocity. Dead time, and times to 63, 90 and 95 % of "
     "the force step, from the current command; coil: the same times for the measured current. The times are read from "
     "the records without a model; where this is not possible, they are those of a fit with one or two lags and dead "
     "time, marked with a dagger. "
-    "\N{PLUS-MINUS SIGN}: standard uncertainty."
+    f"{PLUS_MINUS_IS}"
 )
 FROM_CURRENT = (
     "The simulated rig ran faster than real time, so the times count from the start of the measured coil current."
 )
 WIDTH, HEIGHT = 440, 260
+COMMON_S = 5e-4
+"""Standard uncertainty of the origin of the times from which it is stated apart: the command alone is known to this."""
 LEADS = 3.0
 """Standard uncertainties by which the force leads the current."""
 APART = 0.012
@@ -80,9 +83,9 @@ def response_blocks(tests: Sequence[Mapping[str, Any]], display: Display, *, nar
         head = [Column("point"), *head, Column("steps", "", True)]
         rows = [[test["id"], *row, _steps(test)] for test, row in zip(tests, rows, strict=True)]
     remarks = [FROM_CURRENT] if any(test["origin"] != COMMAND for test in tests) else []
-    remarks += _remarks(tests)
+    remarks += [*_origin(tests), *_remarks(tests)]
     if narrow:
-        remarks += _discarded(tests)
+        remarks += [PLUS_MINUS_IS, *_discarded(tests)]
     return [table(head, rows, title="Response time" if narrow else ""),
             *(Paragraph(remark, small=True) for remark in remarks)]
 
@@ -133,6 +136,17 @@ def _discarded(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
         yield f"Discarded steps: {', '.join(named)}."
 
 
+def _origin(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
+    """What of the uncertainties is common to all times of the force."""
+    known = [test["origin_std_s"] for test in tests if test["origin_std_s"] is not None]
+    if known and max(known) > COMMON_S:
+        low, high = (number(1e3 * value, 2) for value in (min(known), max(known)))
+        yield (
+            f"{low if low == high else f'{low} to {high}'} ms of each uncertainty of dead time and time of the force is "
+            "common to all steps: their place on the time base (interval of the current samples, alignment of the clocks)."
+        )
+
+
 def _remarks(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
     """What a reader must know of single results, each once with the results that it is about."""
     about: dict[str, list[str]] = {}
@@ -155,8 +169,12 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
     fast = [name for name in LEVEL_NAMES if force["crossing"][name]["state"] == State.FASTER]
     if fast:
         yield f"Too few samples around {', '.join(fast)} to read the time without a model"
+    if any(one["method"] == "fit" and one["state"] == State.MEASURED for one in force["stated"].values()):
+        yield f"{DAGGER} by the fit: the window is too short to read the times without a model. Fix: use a longer window"
     if not force["fit_describes"]:
-        yield f"A fit with {'one lag' if force['order'] == 1 else 'two lags'} does not describe the response"
+        known = force["dead_time"]["state"] != State.UNKNOWN
+        lags = "one lag" if force["order"] == 1 else "two lags"
+        yield f"A fit with {lags} does not describe the response{'' if known else ', so the dead time is not known'}"
     elif force["overshoots"]:
         yield "The response overshoots its final value"
     elif force["order"] == 2:

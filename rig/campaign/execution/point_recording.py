@@ -256,7 +256,16 @@ class PointRecording:
                 "retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s,
                 verdict=finished.verdict,
             )
+            self._say_changed(finished)
             self.campaign.results.corrected(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
+
+    def _say_changed(self, finished: FinishedPoint) -> None:
+        """Tell the operator of a verdict that all points together changed, before it is entered."""
+        for before in self.campaign.results.results.values():
+            if before.file == Path(finished.file) and before.verdict != finished.verdict:
+                why = "; ".join(finished.reasons) or say("no-doubt")
+                text = say("verdict-changed", point=before.id, before=before.verdict, after=finished.verdict, why=why)
+                self.campaign.display.message("info" if finished.verdict == VALID else "warning", text)
 
     def close(self) -> None:
         """Let go of the ring; a point still open is closed as interrupted, where the disk allows it."""

@@ -120,6 +120,8 @@ class _Times:
         return replace(
             known, crossing=tuple(self._crossing(place, crossings, others) for place in range(len(LEVELS))),
             read=not (fits and crossings.cut_short), settling_s=(delay_s, delay_std_s), fits=fits,
+            # Of a fit of another shape than the records', the dead time is no property of the response.
+            dead=known.dead if fits or fit.scatters else NOT_KNOWN,
         )
 
     def _with_lags(self, known: StepResponse) -> StepResponse:

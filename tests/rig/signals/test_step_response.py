@@ -185,6 +185,18 @@ def test_commands_that_scatter_widen_the_intervals() -> None:
     assert after.crossing[0].std_s > 2.0 * before.crossing[0].std_s
 
 
+def test_the_dead_time_of_a_fit_that_does_not_describe_the_response_is_not_stated() -> None:
+    """A dip at 30 ms in a lag of 20 ms: no chain of lags has it; t63 is read without a model."""
+    time_s = np.arange(-0.03, 0.25, 0.001)
+    noise = np.random.default_rng(4)
+    course = np.where(time_s > 0.0, 1.0 - np.exp(-np.maximum(time_s, 0.0) / 0.02), 0.0)
+    course -= 0.25 * np.exp(-(((time_s - 0.035) / 0.008) ** 2))
+    records = [Record(time_s, 500.0 * course + noise.normal(0.0, 2.0, len(time_s))) for _ in range(6)]
+    found = step_response(records)
+    assert (found.fits, found.scatters, found.dead.state) == (False, False, State.UNKNOWN)
+    assert found.method(0) == "crossing" and found.best(0).measured
+
+
 def test_the_uncertainty_of_the_clocks_is_in_every_time_and_not_in_the_lag() -> None:
     given = records(5, 0.015, 0.003, 1000.0)
     sure, unsure = step_response(given), step_response(given, Seen(time_std_s=0.001))
