@@ -194,7 +194,8 @@ def test_the_dead_time_of_a_fit_that_does_not_describe_the_response_is_not_state
     records = [Record(time_s, 500.0 * course + noise.normal(0.0, 2.0, len(time_s))) for _ in range(6)]
     found = step_response(records)
     assert (found.fits, found.scatters, found.dead.state) == (False, False, State.UNKNOWN)
-    assert found.method(0) == "crossing" and found.best(0).measured
+    assert found.method(0) == "crossing"
+    assert found.best(0).measured
 
 
 def test_the_uncertainty_of_the_clocks_is_in_every_time_and_not_in_the_lag() -> None:
