@@ -404,8 +404,8 @@ def show_ending(result: JobResult, shown: Console, fit_error: str | None) -> Non
         line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
         if campaign.motion_s > 0.0:
             wall, motion = duration(campaign.wall_s), duration(campaign.motion_s)
-            line.append(f"; {wall} from the first point to the last, for {motion} of motion; start and evaluation are not "
-                        "included", style="none")
+            line.append(f"; {wall} from the first point to the last, for {motion} of motion; start and evaluation are "
+                        "not included", style="none")
         shown.print(line)
     for style, text in ending(campaign):
         shown.print(Text(text, style=style), soft_wrap=True)

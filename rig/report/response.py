@@ -142,8 +142,8 @@ def _origin(tests: Sequence[Mapping[str, Any]]) -> Iterable[str]:
     if known and max(known) > COMMON_S:
         low, high = (number(1e3 * value, 2) for value in (min(known), max(known)))
         yield (
-            f"{low if low == high else f'{low} to {high}'} ms of each uncertainty of dead time and time of the force is "
-            "common to all steps: their place on the time base (interval of the current samples, alignment of the clocks)."
+            f"{low if low == high else f'{low} to {high}'} ms of each uncertainty of the times of the force is "
+            "common to all steps: the place of the steps on the time base (interval of the current samples, clocks)."
         )
 
 
@@ -170,7 +170,7 @@ def _remarks_of(test: Mapping[str, Any]) -> Iterable[str]:
     if fast:
         yield f"Too few samples around {', '.join(fast)} to read the time without a model"
     if any(one["method"] == "fit" and one["state"] == State.MEASURED for one in force["stated"].values()):
-        yield f"{DAGGER} by the fit: the window is too short to read the times without a model. Fix: use a longer window"
+        yield f"{DAGGER} by the fit: the window is too short to read the time without a model. Fix: use a longer window"
     if not force["fit_describes"]:
         known = force["dead_time"]["state"] != State.UNKNOWN
         lags = "one lag" if force["order"] == 1 else "two lags"
