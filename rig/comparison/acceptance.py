@@ -242,8 +242,8 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
     if not loops:
         why = "the run contains no valid point for this test"
         wanted = [point_id for loop in _chosen(key, band, run.missing) for point_id in loop.ids]
-        lost = [line for line in run.left_out if line.split(" ", 1)[0] in wanted]
-        yield _Value(key, unit, band.where or "any loop", NONE, why="; ".join((why, *lost)))
+        reasons = [line for line in run.left_out if line.split(" ", 1)[0] in wanted]
+        yield _Value(key, unit, band.where or "any loop", NONE, why="; ".join((why, *reasons)))
         return
     for loop in loops:
         known = loop.values.get(key)
