@@ -136,7 +136,7 @@ def normal_equations(rows: Iterable[tuple[FloatArray, FloatArray]], size: int) -
 
 def unit_scale(normal: FloatArray, floor: float = 0.0) -> FloatArray:
     """Roots of a normal matrix's diagonal (p,), by which it is scaled to ones there; `floor` as in `Descent`."""
-    own = normal.diagonal()
+    own = np.abs(normal.diagonal())  # rounding makes it negative where a difference of large numbers is left
     return np.sqrt(np.maximum(own, max(1e-300, floor * float(np.max(own, initial=0.0)))))
 
 

@@ -35,8 +35,10 @@ CONTRAST = (Path(__file__).parent / "contrast.js").read_text()
 FIRST_VERSION = Path(__file__).parents[1] / "rig" / "recording" / "first_version.h5"
 HOSTILE = "<script>document.title='taken'</script>"
 VERDICTS = {"p001": "valid", "p002": "suspect", "p003": "invalid"}
-FOCUS = """() => { const e = document.activeElement, s = getComputedStyle(e), r = e.getBoundingClientRect();
-  return [e.id || e.textContent, parseFloat(s.outlineWidth), s.outlineStyle, r.top < innerHeight && r.bottom > 0]; }"""
+FOCUS = """() => { const e = document.activeElement, s = getComputedStyle(e);
+  return [e.id || e.textContent, parseFloat(s.outlineWidth), s.outlineStyle]; }"""
+IN_VIEW = """() => { const r = document.activeElement.getBoundingClientRect();
+  return r.top < innerHeight && r.bottom > 0; }"""
 NOT_STRETCHED = """() => [...document.querySelectorAll('canvas')]
   .every(c => Math.abs(c.width - c.clientWidth * devicePixelRatio) < 2)"""
 FOCUSABLE = """() => [...document.querySelectorAll('button, input, textarea, [tabindex="0"]')]
@@ -145,9 +147,10 @@ def walk_with_tab(page: Page) -> None:
     met: list[str] = []
     while met.count(focusable[0]) < 2 and len(met) <= 2 * len(focusable):
         page.keyboard.press("Tab")
-        name, width, style, inside = page.evaluate(FOCUS)
+        name, width, style = page.evaluate(FOCUS)
         if name in focusable:
-            assert (width >= 2.0, style, inside) == (True, "solid", True), name
+            assert (width >= 2.0, style) == (True, "solid"), name
+            page.wait_for_function(IN_VIEW, timeout=WAIT_MS)  # the page scrolls to it; a busy machine takes its time
             met.append(name)
     assert set(met) == set(focusable)
     assert met.count(focusable[0]) >= 2, "it comes round"
