@@ -18,7 +18,6 @@ from protocols.sensor_presets import TABLES
 from rig import units
 from rig.errors import FileProblem
 from rig.files.described import described as read_description
-from rig.files.descriptions import entry_problems
 from rig.files.names import is_file
 from rig.files.network_text import NETWORK
 from simulators import frame_writer, line_writer
@@ -115,6 +114,8 @@ def _table(given: str, whose: str) -> dict[str, Any]:
     Raises:
         FileProblem: it is none.
     """
+    from rig.files.descriptions import entry_problems  # loads the validator, which the usual rig does not need
+
     try:
         table = json.loads(given)
     except ValueError as error:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from rig.dampers.current_law import AFFINE
-from rig.dampers.grey_box import named_parts
+from rig.dampers.grey_box import GREY, named_parts
 from rig.errors import IdentificationFailed
 from rig.fits.entries import ModelScore, mean_within
 from rig.identification.models.coverage import covered_by
@@ -17,7 +17,7 @@ from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Met
 from rig.identification.models.undetermined import Undetermined
 from rig.identification.options import FitOptions
 from rig.identification.remarks import Remark, say
-from rig.identification.selection import predicted
+from rig.identification.selection import describes, predicted
 from rig.identification.uncertainty.scoring import misfits, rmse_N
 
 NEARLY = 3.0  # times the error of the best physical model, on tests left out: a simpler one whose residual is tried
@@ -79,6 +79,8 @@ def compared_with_residual(
     Raises:
         IdentificationFailed: the model cannot be fitted to the tests of a fold.
     """
+    if named_parts(options.model) is None and options.model != GREY and describes(ranking[0], tests):
+        return Ranked(tuple(ranking), best)  # nothing is left that a residual could learn
     options.report(f"fitting the residual of {best.model.name}")
     named = named_parts(options.model)
     parts = () if named is None else named[1]

@@ -286,6 +286,11 @@ def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
     return [[measurements[number] for number in group] for group in set_of(measurements).groups]
 
 
+def describes(score: ModelScore, tests: Sequence[Measurement]) -> bool:
+    """Whether a model leaves no more than the tests' scatter; False where that is not known."""
+    return score.rmse_N <= TO_THE_NOISE * _scatter_N(tests)
+
+
 def _scatter_N(tests: Sequence[Measurement]) -> float:
     """Root mean square scatter of the tests from cycle to cycle; NaN where one's is not known."""
     samples = [test.u_m.size * test.recorded_each for test in tests]

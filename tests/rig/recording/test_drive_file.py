@@ -122,7 +122,7 @@ def test_without_a_folder_there_is_nothing_to_start_from(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("column", "value", "problem"),
-    [("gain", math.nan, "not finite"), ("coherence", math.inf, "not finite"), ("frequency", -1.0, "do not rise")],
+    [("gain", math.nan, "not finite"), ("coherence", math.inf, "not finite"), ("frequency", -1.0, "must be above 0")],
 )
 def test_a_response_that_makes_no_command_is_refused(
     tmp_path: Path, column: str, value: float, problem: str

@@ -71,7 +71,9 @@ def test_a_set_point_is_due_at_once_while_it_is_on_its_way_and_at_the_next_poll_
     """So a simulated rig's clock waits for the exchange: both ends take it for the same time."""
     due: list[int | None] = []
     monkeypatch.setattr(setpoint_stream, "setpoint_due", due.append)
-    driver = MagicMock(StreamedActuator, in_motion=True, breaks=0, last=Setpoint(0.0, 0.0), taken_m=0.0, gap_s=0.0)
+    driver = MagicMock(
+        StreamedActuator, in_motion=True, rod_moves=True, breaks=0, last=Setpoint(0.0, 0.0), taken_m=0.0, gap_s=0.0,
+    )
     supervisor = MagicMock()
     supervisor.config.device_rate = 1.0
     stream = SetpointStream(driver, ActuatorConfig(url="modbus-tcp://127.0.0.1:1"), supervisor)
@@ -79,7 +81,7 @@ def test_a_set_point_is_due_at_once_while_it_is_on_its_way_and_at_the_next_poll_
     stream.sending(1007)
     stream.answered(MagicMock(position_m=0.0, received_ns=1009))
     stream.failed(MagicMock())
-    driver.in_motion = False
+    driver.rod_moves = False
     stream.sending(2000)
     assert due == [1007, 10_001_000, 10_001_000, None]
 

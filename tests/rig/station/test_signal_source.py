@@ -95,7 +95,7 @@ def test_a_target_force_is_recorded_at_each_set_point_and_moves_nothing() -> Non
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (sent(force=packed([1.0] * 5, [])), "5 samples of the force for 501 of the motion"),
+        (sent(force=packed([1.0] * 5, [])), "5 samples of the force, but 501 of the motion"),
         (sent(force=packed([math.inf] * 501, [])), "expected a signal"),
         (sent(force=3), "expected a signal"),
         (sent(amplitude_m=0.05), "above zero .* 0.052 m"),
@@ -111,7 +111,7 @@ def test_a_target_force_is_recorded_at_each_set_point_and_moves_nothing() -> Non
         (sent(samples="no base64!"), "expected a signal"),
         (sent(samples=[0.0, 0.0]), "expected a signal"),
         (sent(samples=packed([0.0] * 200_001, [0.0] * 200_001)), "expected a signal"),
-        (sent(target=packed([0.0] * 5, [0.0] * 5)), "5 samples of the target for 501 of the motion"),
+        (sent(target=packed([0.0] * 5, [0.0] * 5)), "5 samples of the target, but 501 of the motion"),
         (sent(target=17), "expected a signal"),
         (sent(step_s=0.5), "expected a signal"),
         (sent(centre_m="x"), "expected a signal"),

@@ -39,7 +39,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     "controller-busy": (deaf_station("modbus-busy", "modbus-reject"),),
     "controller-boots": (deaf_station("actuator-reboot"),),
     "position-frozen": (
-        Edit(CONTROLLER, "if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:", "if False:"),
+        Edit(CONTROLLER, "if self._repeats >= FROZEN_POLLS:", "if False:"),
         Edit(CONTROLLER, "if self._apart >= 2 * CONSECUTIVE:", "if False:"),
     ),
     "overrun": (
