@@ -309,7 +309,7 @@ def test_an_e_stop_explains_an_undervoltage_only_where_something_else_hides_it(
 @pytest.mark.parametrize(
     ("current", "events"),
     [
-        ("0.5 A", ("foreign-stop@4", f"{JAMMED}@2.04+0.1")),
+        ("0.5 A", ("foreign-stop@4", f"{JAMMED}@2.12+0.1")),
         ("0 A", ("current-stuck@0.3",)),
         ("0 A", ("coil-open-short@0.3",)),
     ],
